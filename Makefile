@@ -1,0 +1,58 @@
+# `make demo` and `make test` do everything from an empty clone; see README.md.
+# A sourced ROS never mixes with the wheels of .venv: its variables end here.
+unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION
+export PYTHONUNBUFFERED = 1
+
+PYTHON ?= python3
+BIN := .venv/bin
+PACKAGES := barrett_hand_bridge shell_deform scan_compare grasp_replay grasp_view
+SOURCES := $(addprefix ros2_ws/src/,$(PACKAGES))
+EDITABLE := $(addprefix -e ./,$(SOURCES))
+SETUPS := $(addsuffix /setup.py,$(SOURCES))
+
+.PHONY: help setup demo test test-cell soak bench bags pictures lock lint clean
+
+help:  ## this list
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 20
+
+setup: .venv/.ready  ## environment in .venv, packages, compile cache
+
+.venv/.ready: requirements/lock.txt $(SETUPS)
+	@sh requirements/install.sh "$(PYTHON)" .venv requirements/lock.txt $(EDITABLE)
+	@$(BIN)/python -m shell_deform.compile_cache
+	@touch $@
+
+.venv-cell/.ready: requirements/lock-cell.txt $(SETUPS)
+	@sh requirements/install.sh "$(PYTHON)" .venv-cell requirements/lock-cell.txt $(EDITABLE)
+	@touch $@
+
+demo: setup  ## the recorded grasp through the three live nodes, then the paper's Table I beside ours
+	@$(BIN)/python tests/demo.py
+
+lint: setup
+	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy $(foreach p,$(PACKAGES),ros2_ws/src/$(p)/$(p))
+
+test: lint  ## lint, types and all tests, with a colcon build of the workspace
+	@$(BIN)/python -m pytest
+
+test-cell: .venv-cell/.ready  ## the tests again with the numpy and scipy of Ubuntu 24.04
+	@.venv-cell/bin/python -m pytest
+
+soak: setup  ## the long figures: 10^6 mutations, 10-minute runs, 200 seeds; table in docs/
+	@$(BIN)/python tests/soak.py
+
+bench: setup  ## performance and fidelity tables, side by side with the peers that are installed
+	@$(BIN)/python tests/benchmarks/run.py
+
+bags: setup  ## the recordings again, from the kept solid solutions
+	@$(BIN)/python bags/generate.py
+
+pictures: setup  ## the pictures of README and docs again
+	@$(BIN)/python docs/make_pictures.py
+
+lock:  ## compile the locked requirements again (needs uv)
+	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-emit-find-links --no-header requirements/requirements.in -o requirements/lock.txt
+	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-emit-find-links --no-header -c requirements/cell-constraints.txt requirements/requirements.in -o requirements/lock-cell.txt
+
+clean:
+	rm -rf .venv .venv-cell ros2_ws/build ros2_ws/install ros2_ws/log out

@@ -1,0 +1,115 @@
+"""Fixtures for every test: an own ROS domain, and real processes that never outlive their test."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
+    os.environ.setdefault(_name, '1')
+
+
+@pytest.fixture
+def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A ROS domain id that no other test on this machine holds, also across test runs."""
+    for number in range(1, 101):
+        path = Path(tempfile.gettempdir()) / f'ros_domain_{number}.lock'
+        handle = path.open('w')
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            handle.close()
+            continue
+        monkeypatch.setenv('ROS_DOMAIN_ID', str(number))
+        yield number
+        handle.close()
+        return
+    pytest.fail('all 100 ROS domain ids are held by other tests')
+
+
+class Running:
+    """A started executable with its log file."""
+
+    def __init__(self, process: subprocess.Popen[bytes], log: Path) -> None:
+        self.process = process
+        self.log = log
+
+    @property
+    def text(self) -> str:
+        """Everything it has written to stdout and stderr so far."""
+        return self.log.read_text(errors='replace')
+
+    def wait_for(self, text: str, timeout: float = 30.0) -> None:
+        """Wait until `text` stands in the log; fail with the log if it ends or the time is up."""
+        wait_until(
+            lambda: text in self.text or self.process.poll() is not None,
+            timeout,
+            lambda: f'{text!r} not in:\n{self.text}',
+        )
+        assert text in self.text, self.text
+
+    def stop(self, sig: int = signal.SIGINT, timeout: float = 10.0) -> int:
+        """End it by `sig`, then by SIGKILL; returns its exit code."""
+        if self.process.poll() is None:
+            self.process.send_signal(sig)
+            try:
+                self.process.wait(timeout)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+        return self.process.returncode
+
+
+def wait_until(
+    condition: Callable[[], object],
+    timeout: float = 30.0,
+    message: Callable[[], str] = lambda: 'condition not met in time',
+) -> None:
+    """Poll `condition` every 10 ms until it is true or `timeout` seconds are over."""
+    deadline = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > deadline:
+            pytest.fail(message())
+        time.sleep(0.01)
+
+
+@pytest.fixture(name='wait_until')
+def _wait_until() -> Callable[..., None]:
+    return wait_until
+
+
+@pytest.fixture
+def start(domain_id: int, tmp_path: Path) -> Iterator[Callable[..., Running]]:
+    """Start an executable of the environment by name, on the test's own ROS domain."""
+    started: list[Running] = []
+
+    def run(executable: str, *arguments: object, **environment: str) -> Running:
+        log = tmp_path / f'{executable}_{len(started)}.log'
+        with log.open('wb') as stream:
+            process = subprocess.Popen(
+                [str(Path(sys.executable).parent / executable), *map(str, arguments)],
+                stdout=stream,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                env={**os.environ, **environment, 'PYTHONUNBUFFERED': '1'},
+            )
+        started.append(Running(process, log))
+        return started[-1]
+
+    yield run
+    for running in started:
+        if running.process.poll() is None:
+            running.process.send_signal(signal.SIGINT)
+    for running in started:
+        running.stop()

@@ -1,0 +1,1 @@
+"""BarrettHand driver: strain-gauge finger forces, contact points, emulators of both hands."""

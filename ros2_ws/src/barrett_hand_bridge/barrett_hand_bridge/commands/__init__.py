@@ -1,0 +1,1 @@
+"""Console commands of barrett_hand_bridge."""

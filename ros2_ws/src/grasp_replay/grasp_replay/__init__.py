@@ -1,0 +1,1 @@
+"""Recorded grasps: record, check, repair, replay, and run the whole pipeline offline."""

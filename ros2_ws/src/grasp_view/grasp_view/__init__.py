@@ -1,0 +1,1 @@
+"""Live 3-D page of a grasp in the browser."""

@@ -1,0 +1,18 @@
+"""The report page: one offline HTML file and one picture per row of the table.
+
+`write_report` is the whole interface; the dataclasses of `scene` are what it draws.
+"""
+
+from __future__ import annotations
+
+from .scene import Curve, LinearityTrace, PublishedRow, ReportError, RowScene
+from .write import write_report
+
+__all__ = [
+    'Curve',
+    'LinearityTrace',
+    'PublishedRow',
+    'ReportError',
+    'RowScene',
+    'write_report',
+]

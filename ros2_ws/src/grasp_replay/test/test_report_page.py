@@ -1,0 +1,344 @@
+"""The report page: what stands in it, and what a real browser makes of it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from grasp_replay.report import (
+    Curve,
+    LinearityTrace,
+    PublishedRow,
+    ReportError,
+    RowScene,
+    write_report,
+)
+from grasp_replay.report.errors import error_scale, nice_ceiling, vertex_errors
+from grasp_replay.report.section import cut, dent_section
+
+RADIUS = 0.0325
+LBF = 4.4482216152605
+
+
+def dented(points: np.ndarray, depth: float, width: float) -> np.ndarray:
+    """Both poles of a sphere pushed in along x by `depth`, over an angle of `width` rad."""
+    normal = points / np.linalg.norm(points, axis=1)[:, None]
+    angle = np.arccos(np.clip(np.abs(normal[:, 0]), -1, 1))
+    return points - normal * (depth * np.exp(-((angle / width) ** 2)))[:, None]
+
+
+def ball_row(key: str, force_lbf: float, depth: float, seed: int = 1) -> RowScene:
+    sphere = trimesh.creation.icosphere(subdivisions=4, radius=RADIUS)
+    vertices = np.asarray(sphere.vertices)
+    generator = np.random.default_rng(seed)
+    normal = generator.normal(size=(20000, 3))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    normal = normal[(np.abs(normal[:, 0]) < 0.995) & (normal[:, 2] > -0.5)]
+    noise = generator.normal(scale=0.127e-3, size=len(normal))
+    scan = dented(normal * RADIUS, depth, 0.35) + normal * noise[:, None]
+
+    def error(shape_depth: float, width: float) -> np.ndarray:
+        model = dented(normal * RADIUS, shape_depth, width)
+        return np.einsum('ij,ij->i', scan - model, normal)
+
+    force = force_lbf * LBF
+    return RowScene(
+        key=key,
+        title=f'ball, {force_lbf} lbf per finger',
+        kind='synthetic',
+        force_n=force,
+        triangles=np.asarray(sphere.faces),
+        rest=vertices,
+        nonlinear=dented(vertices, 0.95 * depth, 0.35),
+        linear=dented(vertices, 0.6 * depth, 0.3),
+        scan_points=scan,
+        nonlinear_error=error(0.95 * depth, 0.35),
+        linear_error=error(0.6 * depth, 0.3),
+        scan_displacement=RADIUS - np.linalg.norm(scan, axis=1),
+        contact_points=np.array([[RADIUS - depth, 0, 0], [depth - RADIUS, 0, 0]]),
+        contact_forces=np.array([[-force, 0, 0], [force, 0, 0]]),
+        noise_floor_m=0.101e-3,
+    )
+
+
+ROWS = [('row_1', 2.39, 2.56e-3), ('row_2', 4.83, 10.27e-3)]
+
+
+@pytest.fixture(scope='module')
+def scenes() -> list[RowScene]:
+    return [ball_row(*row) for row in ROWS]
+
+
+@pytest.fixture(scope='module')
+def results(scenes: list[RowScene]) -> dict:
+    def statistics(errors: np.ndarray, depth: float) -> dict:
+        size = np.abs(errors)
+        return {
+            'mean_error_m': float(size.mean()),
+            'rms_error_m': float(np.sqrt((size**2).mean())),
+            'p95_error_m': float(np.percentile(size, 95)),
+            'max_error_m': float(size.max()),
+            'dent_mean_error_m': float(size.mean()),
+            'max_displacement_m': depth,
+        }
+
+    return {
+        'bag_sha256': 'ab' * 32,
+        'rows': [
+            {
+                'force_n': scene.force_n,
+                'measured_max_displacement_m': depth,
+                'noise_floor_m': scene.noise_floor_m,
+                'theories': {
+                    'linear': statistics(scene.linear_error, 0.6 * depth),
+                    'koiter': statistics(scene.nonlinear_error, 0.95 * depth),
+                },
+            }
+            for scene, (_, _, depth) in zip(scenes, ROWS, strict=True)
+        ],
+    }
+
+
+PUBLISHED = [
+    PublishedRow('tennis ball', 2.39, 2.56e-3, 0.31e-3, 0.30e-3, {'koiter': 2.6e-3}),
+    PublishedRow('tennis ball', 3.71, 6.05e-3, 0.62e-3, 0.85e-3, {'koiter': 6.1e-3}),
+]
+PROVENANCE = {
+    'title': 'tennis ball, two fingers',
+    'synthetic': 'shapes by a solid model, scanner errors added.',
+    'bag': {'sha256': 'ab' * 32},
+    'versions': {'numpy': np.__version__},
+}
+
+
+@pytest.fixture(scope='module')
+def page(tmp_path_factory: pytest.TempPathFactory, scenes: list[RowScene], results: dict) -> Path:
+    time = np.linspace(0, 30, 200)
+    return write_report(
+        results,
+        scenes,
+        tmp_path_factory.mktemp('report'),
+        PROVENANCE,
+        published=PUBLISHED,
+        curves=[
+            Curve(
+                'Table I',
+                'published',
+                np.array([2.56e-3, 6.05e-3]),
+                np.array([10.6, 16.5]),
+                displacement_band_m=0.127e-3,
+            ),
+            Curve(
+                'koiter',
+                'predicted',
+                np.array([0, 3e-3, 7e-3]),
+                np.array([0, 11.0, 17.0]),
+                lower_n=np.array([0, 10.0, 16.0]),
+                upper_n=np.array([0, 12.0, 18.0]),
+            ),
+        ],
+        linearity=LinearityTrace(time, np.abs(np.sin(time)) * 0.3, np.abs(np.sin(time)) * 5e-3),
+        timings={'koiter': 1.234},
+    )
+
+
+def test_published_and_our_numbers_stand_in_differently_marked_cells(page: Path) -> None:
+    text = page.read_text()
+    assert '<td class="published">0.31</td>' in text
+    assert re.search(r'<td class="synthetic( best)?">\d\.\d{3}</td>', text)
+    assert 'this recording (synthetic)' in text and 'shapes by a solid model' in text
+
+
+def test_a_published_row_that_was_not_recorded_is_kept_with_dashes(page: Path) -> None:
+    line = next(part for part in page.read_text().split('<tr>') if '<td>3.71</td>' in part)
+    assert '6.05' in line and '<td class="synthetic">–</td>' in line
+
+
+def test_the_page_asks_the_network_for_nothing_and_is_small(page: Path) -> None:
+    text = page.read_text()
+    links = re.findall(r'(?:src|href)\s*=\s*"(?!data:|#)([^"]+)"', text)
+    assert links == []
+    assert 'url(http' not in text and '@import' not in text
+    assert page.stat().st_size < 5e6
+
+
+def test_the_same_input_gives_the_same_bytes(
+    page: Path, tmp_path: Path, scenes: list[RowScene], results: dict
+) -> None:
+    first = write_report(results, scenes, tmp_path / 'a', PROVENANCE)
+    second = write_report(results, scenes, tmp_path / 'b', PROVENANCE)
+    assert first.read_bytes() == second.read_bytes()
+    for scene in scenes:
+        name = f'pictures/{scene.key}.png'
+        assert (tmp_path / 'a' / name).read_bytes() == (tmp_path / 'b' / name).read_bytes()
+
+
+def test_text_from_outside_is_escaped(
+    tmp_path: Path, scenes: list[RowScene], results: dict
+) -> None:
+    row = replace(scenes[0], title='<script>alert(1)</script>')
+    path = write_report(
+        {**results, 'rows': results['rows'][:1]}, [row], tmp_path, {'note': '</script><b>'}
+    )
+    text = path.read_text()
+    assert '<script>alert' not in text and '</script><b>' not in text
+
+
+def test_a_report_without_shapes_still_has_its_table(tmp_path: Path, results: dict) -> None:
+    text = write_report(results, [], tmp_path, {}).read_text()
+    assert 'id="comparison"' in text
+
+
+def test_one_scene_too_few_is_refused(
+    tmp_path: Path, scenes: list[RowScene], results: dict
+) -> None:
+    with pytest.raises(ReportError, match='1 scenes for 2 rows'):
+        write_report(results, scenes[:1], tmp_path, {})
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        ({'key': '../evil'}, 'letters'),
+        ({'kind': 'invented'}, 'invented'),
+        ({'triangles': np.array([[0, 1, 99999]])}, '0..2561'),
+        ({'linear': np.zeros((3, 3))}, '3 vertices'),
+        ({'linear_error': np.zeros(5)}, '5 values'),
+        ({'rest': np.full((2562, 3), np.nan)}, 'NaN'),
+        ({'contact_forces': np.zeros((1, 3))}, '1 forces'),
+    ],
+)
+def test_a_row_that_does_not_fit_is_refused_by_name(
+    scenes: list[RowScene], change: dict, message: str
+) -> None:
+    with pytest.raises(ReportError, match=message) as caught:
+        replace(scenes[0], **change)
+    assert 'row' in str(caught.value)
+
+
+def test_the_error_scale_is_one_round_number_for_all_rows(scenes: list[RowScene]) -> None:
+    top = error_scale(scenes)
+    assert top >= np.percentile(np.abs(scenes[1].linear_error), 99)
+    assert nice_ceiling(0.41) == 0.5 and nice_ceiling(10.0) == 10.0 and nice_ceiling(0.0) == 1.0
+
+
+def test_vertices_the_scanner_did_not_see_have_no_error(scenes: list[RowScene]) -> None:
+    row = scenes[0]
+    values = vertex_errors(row.nonlinear, row.scan_points, row.nonlinear_error, 1.5e-3)
+    below = row.rest[:, 2] < -0.75 * RADIUS
+    assert np.isnan(values[below]).all() and np.isfinite(values[row.rest[:, 2] > 0]).mean() > 0.9
+
+
+def test_a_plane_cuts_a_sphere_in_a_circle() -> None:
+    sphere = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
+    segments = cut(
+        np.asarray(sphere.vertices),
+        np.asarray(sphere.faces, dtype=np.int32),
+        np.array([0.0, 0.0, 1.0]),
+        0.5,
+    )
+    assert np.allclose(segments[..., 2], 0.5)
+    length = np.linalg.norm(segments[:, 0] - segments[:, 1], axis=1).sum()
+    assert length == pytest.approx(2 * np.pi * np.sqrt(0.75), rel=0.01)
+
+
+def test_a_plane_through_vertices_cuts_once() -> None:
+    sphere = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
+    segments = cut(
+        np.asarray(sphere.vertices),
+        np.asarray(sphere.faces, dtype=np.int32),
+        np.array([0.0, 0.0, 1.0]),
+        0.0,
+    )
+    length = np.linalg.norm(segments[:, 0] - segments[:, 1], axis=1).sum()
+    assert length == pytest.approx(2 * np.pi, rel=0.01)
+
+
+def test_the_dent_section_counts_from_the_rest_face(scenes: list[RowScene]) -> None:
+    section = dent_section(scenes[1])
+    assert section.rest[..., 1].max() == pytest.approx(0.0, abs=2e-4)
+    middle = np.abs(section.nonlinear[..., 0]) < 1.5e-3
+    upper = section.nonlinear[..., 1][middle & (section.nonlinear[..., 1] > -RADIUS)]
+    assert upper.min() == pytest.approx(-0.95 * ROWS[1][2], abs=3e-4)
+
+
+@pytest.fixture
+def browser():
+    program = shutil.which('chromium')
+    if program is None:
+        reason = 'no chromium on this machine'
+        (pytest.fail if os.environ.get('GRASP_NO_SKIP') else pytest.skip)(reason)
+    playwright = pytest.importorskip('playwright.sync_api')
+    with playwright.sync_playwright() as play:
+        opened = play.chromium.launch(
+            executable_path=program,
+            args=[
+                '--headless',
+                '--no-sandbox',
+                '--disable-gpu',
+                '--disable-quic',
+                '--no-first-run',
+                '--disable-background-networking',
+                '--disable-component-update',
+                '--disable-sync',
+                '--use-gl=angle',
+                '--use-angle=swiftshader',
+                '--enable-unsafe-swiftshader',
+            ],
+        )
+        yield opened
+        opened.close()
+
+
+@pytest.mark.chromium
+def test_a_browser_shows_the_rows_turnable_and_without_complaint(browser, page: Path) -> None:
+    complaints: list[str] = []
+    tab = browser.new_page(viewport={'width': 1200, 'height': 900})
+    tab.on('console', lambda m: complaints.append(m.text) if m.type == 'error' else None)
+    tab.on('pageerror', lambda error: complaints.append(str(error)))
+    tab.goto(page.as_uri())
+    tab.wait_for_selector('body.webgl')
+    canvas = tab.locator('#turn-row_2 canvas')
+    canvas.scroll_into_view_if_needed()
+    before = canvas.screenshot()
+    box = canvas.bounding_box()
+    assert box is not None
+    x, y = box['x'] + box['width'] / 2, box['y'] + box['height'] / 2
+    tab.mouse.move(x, y)
+    tab.mouse.down()
+    tab.mouse.move(x + 80, y + 30)
+    tab.mouse.up()
+    tab.wait_for_timeout(100)
+    assert canvas.screenshot() != before
+    top = tab.locator('#turn-row_2 .top').inner_text()
+    packed = json.loads(tab.locator('#rows').inner_text())
+    assert top == f'{packed[1]["errorTop"] * 1e3:.2f} mm'
+    tab.locator('#turn-row_2 select[name=colour]').select_option('displacement')
+    tab.wait_for_timeout(100)
+    shown = tab.locator('#turn-row_2 .top').inner_text()
+    assert shown == f'{0.95 * ROWS[1][2] * 1e3:.2f} mm'
+    assert complaints == []
+
+
+@pytest.mark.chromium
+def test_a_phone_does_not_scroll_sideways(browser, page: Path) -> None:
+    tab = browser.new_page(viewport={'width': 390, 'height': 800})
+    tab.goto(page.as_uri())
+    assert tab.evaluate('document.documentElement.scrollWidth') <= 390
+
+
+@pytest.mark.chromium
+def test_printing_gives_pages_with_the_pictures(browser, page: Path) -> None:
+    tab = browser.new_page()
+    tab.goto(page.as_uri())
+    tab.emulate_media(media='print')
+    assert not tab.locator('#turn-row_1').is_visible()
+    assert tab.locator('img').first.is_visible()
+    assert tab.pdf(format='A4').startswith(b'%PDF')

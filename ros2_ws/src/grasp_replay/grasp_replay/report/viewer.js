@@ -21,10 +21,11 @@
   g.attachShader(program, compile(g.VERTEX_SHADER, `
     attribute vec3 rest, place; attribute float value;
     uniform mat3 turn; uniform vec3 centre; uniform float morph, zoom, aspect, lift;
-    varying float v; varying vec3 world;
+    varying float v, seen; varying vec3 world;
     void main() {
       vec3 p = turn * (mix(rest, place, morph) - centre) * zoom;
-      v = value; world = p;
+      // Not seen counts for nothing: v / seen interpolates over the seen corners only.
+      seen = value > 254.5 ? 0.0 : 1.0; v = value * seen; world = p;
       gl_PointSize = 2.0;
       gl_Position = vec4(p.x / aspect, p.y, -p.z * 0.25 - lift, 1.0);
     }`));
@@ -32,10 +33,10 @@
     #extension GL_OES_standard_derivatives : enable
     precision highp float;
     uniform sampler2D table; uniform vec4 flat_colour; uniform float shade;
-    varying float v; varying vec3 world;
+    varying float v, seen; varying vec3 world;
     void main() {
       if (flat_colour.a > 0.0) { gl_FragColor = flat_colour; return; }
-      float step_ = v > 254.5 ? 255.0 : floor(min(v, 254.0));
+      float step_ = seen < 0.5 ? 255.0 : min(floor(v / seen + 0.5), 254.0);
       vec3 c = texture2D(table, vec2((step_ + 0.5) / 256.0, 0.5)).rgb;
       if (!gl_FrontFacing) c = vec3(0.45);
       #ifdef GL_OES_standard_derivatives
@@ -147,7 +148,7 @@
       g.blendFunc(g.SRC_ALPHA, g.ONE_MINUS_SRC_ALPHA);
       g.uniform1f(U.lift, 0.0008);
       if (this.value('edges')) {
-        g.uniform4f(U.flat_colour, 0, 0, 0, 0.22);
+        g.uniform4f(U.flat_colour, 0, 0, 0, 0.16);
         g.bindBuffer(g.ELEMENT_ARRAY_BUFFER, b.edges);
         g.drawElements(g.LINES, b.edgeCount, b.type, 0);
       }

@@ -1,0 +1,194 @@
+"""A shell with its theory, supports and gas: everything an equilibrium is searched for in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from shell_deform.assemble import Discretisation
+from shell_deform.loads import ContactPatch, contact_patch
+from shell_deform.supports import isostatic_dofs, rigid_modes
+from shell_deform.surface.limit import LimitSurface
+from shell_deform.theory import THEORIES
+from shell_deform.theory.gas import Gas
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """The shell's response at a state, in the dofs that supports leave free.
+
+    Attributes:
+        energy: strain and gas energy [J]. gradient: (r,) its derivative [N].
+        stiffness: (r, r) sparse part of the second derivative [N/m].
+        gas_row: (r,) derivative of the volume [m^2]. gas_stiffness: [Pa/m^3], 0 without gas.
+        gas_pressure: overpressure [Pa].
+    """
+
+    energy: float
+    gradient: Array
+    stiffness: sp.csr_matrix
+    gas_row: Array
+    gas_stiffness: float
+    gas_pressure: float
+
+
+@dataclass(frozen=True)
+class ShellModel:
+    """A discretised shell, how it is strained, held and filled.
+
+    Attributes:
+        shell: the discretisation of the undeformed middle surface.
+        theory: name in `THEORIES`.
+        gas: air inside; only a closed mesh may be sealed.
+        reduction: (3 n, r) map from free dofs to displacements; None when all are free.
+        pressure: follower overpressure inside, kept constant [Pa].
+    """
+
+    shell: Discretisation
+    theory: str = 'koiter'
+    gas: Gas = field(default_factory=Gas)
+    reduction: sp.csr_matrix | None = None
+    pressure: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.theory not in THEORIES:
+            raise ValueError(f'theory is {self.theory!r}; choose one of {sorted(THEORIES)}')
+        if self.gas.is_sealed and not self.shell.mesh.is_closed:
+            raise ValueError('an open surface cannot hold sealed gas; use gas kind none or open')
+
+    @cached_property
+    def surface(self) -> LimitSurface:
+        """The limit surface of the control mesh."""
+        return LimitSurface(self.shell.mesh)
+
+    @property
+    def rest(self) -> Array:
+        """Undeformed control points (n, 3) [m]."""
+        return self.shell.mesh.vertices
+
+    @cached_property
+    def rest_volume(self) -> float:
+        """Volume inside the undeformed middle surface [m^3]."""
+        return self.shell.volume(self.rest)[0]
+
+    def contact(self, at: Array, radius: float, axis: Array | None = None) -> ContactPatch:
+        """Contact patch of `radius` [m] nearest to `at` (3,) [m], pushed along `axis`."""
+        return contact_patch(self.surface, at, radius, axis)
+
+    def expand(self, free: Array) -> Array:
+        """Displacements (n, 3) of free dofs (r,)."""
+        full = free if self.reduction is None else self.reduction @ free
+        return np.asarray(full).reshape(-1, 3)
+
+    def reduce(self, field_: Array) -> Array:
+        """Forces or rows (n, 3) or (n, 3, k) acting on the free dofs: (r,) or (r, k)."""
+        flat = field_.reshape(3 * len(self.rest), *field_.shape[2:])
+        return flat if self.reduction is None else np.asarray(self.reduction.T @ flat)
+
+    @cached_property
+    def free_modes(self) -> Array:
+        """Orthonormal rigid motions (r, k) of the free dofs."""
+        modes = rigid_modes(self.rest)
+        if self.reduction is None:
+            return modes
+        weight = np.asarray(self.reduction.multiply(self.reduction).sum(axis=0)).ravel()
+        inside = (self.reduction.T @ modes) / weight[:, None]
+        outside = modes - self.reduction @ inside
+        _, singular, right = np.linalg.svd(outside, full_matrices=True)
+        keep = right[singular < 1e-6].T
+        combined = inside @ keep
+        return np.linalg.qr(combined)[0] if combined.shape[1] else combined
+
+    @cached_property
+    def springs(self) -> NDArray[np.int64]:
+        """Free dofs that, once fixed, leave no rigid motion."""
+        return isostatic_dofs(self.free_modes)
+
+    @cached_property
+    def rest_tangent(self) -> Tangent:
+        """Tangent at the undeformed shape: all that linear theory needs."""
+        return self._nonlinear_tangent(self.rest)
+
+    def tangent(self, positions: Array) -> Tangent:
+        """Energy, gradient and stiffness at control positions (n, 3)."""
+        if not THEORIES[self.theory].is_linear:
+            return self._nonlinear_tangent(positions)
+        rest = self.rest_tangent
+        energy, gradient = self._linear_gradient(positions)
+        return Tangent(
+            energy, gradient, rest.stiffness, rest.gas_row, rest.gas_stiffness, rest.gas_pressure
+        )
+
+    def gradient(self, positions: Array) -> tuple[float, Array]:
+        """Energy [J] and gradient (r,) [N] at control positions, without the stiffness."""
+        if THEORIES[self.theory].is_linear:
+            return self._linear_gradient(positions)
+        energy, gradient = self.shell.gradient(self.theory, positions)
+        if self.gas.is_sealed or self.pressure:
+            volume, row = self.shell.volume(positions)
+            energy += self._gas_energy(volume)
+            gradient -= self.overpressure(volume) * row
+        return energy, self.reduce(gradient)
+
+    def overpressure(self, volume: float) -> float:
+        """Pressure inside minus outside [Pa] at an enclosed volume [m^3]."""
+        if not self.gas.is_sealed:
+            return self.pressure
+        return self.pressure + self.gas.pressure(volume / self.rest_volume)
+
+    def _gas_energy(self, volume: float) -> float:
+        change = volume - self.rest_volume
+        if not self.gas.is_sealed:
+            return -self.pressure * change
+        ratio = volume / self.rest_volume
+        return self.rest_volume * self.gas.energy_density(ratio) - self.pressure * change
+
+    def _linear_gradient(self, positions: Array) -> tuple[float, Array]:
+        rest = self.rest_tangent
+        moved = (positions - self.rest).reshape(-1)
+        if self.reduction is not None:
+            weight = np.asarray(self.reduction.multiply(self.reduction).sum(axis=0)).ravel()
+            moved = (self.reduction.T @ moved) / weight
+        force = rest.stiffness @ moved + rest.gas_stiffness * rest.gas_row * (rest.gas_row @ moved)
+        energy = float(0.5 * moved @ force + rest.gradient @ moved)
+        return energy, rest.gradient + force
+
+    def _nonlinear_tangent(self, positions: Array) -> Tangent:
+        energy, gradient, data = self.shell.tangent(self.theory, positions)
+        row = np.zeros_like(positions)
+        stiffness, pressure = 0.0, 0.0
+        if self.gas.is_sealed or self.pressure:
+            volume, row = self.shell.volume(positions)
+            pressure = self.overpressure(volume)
+            gradient -= pressure * row
+            energy += self._gas_energy(volume)
+            if pressure:
+                self.shell.add_pressure_stiffness(pressure, positions, data)
+            if self.gas.is_sealed:
+                ratio = volume / self.rest_volume
+                stiffness = -self.gas.pressure_slope(ratio) / self.rest_volume
+        matrix = self.shell.pattern.matrix(data)
+        if self.reduction is not None:
+            matrix = (self.reduction.T @ matrix @ self.reduction).tocsr()
+            matrix.sort_indices()
+        return Tangent(
+            energy, self.reduce(gradient), matrix, self.reduce(row), stiffness, pressure
+        )
+
+    def with_theory(self, theory: str, **changes: Any) -> ShellModel:
+        """The same shell under another theory."""
+        values = {
+            'shell': self.shell,
+            'gas': self.gas,
+            'reduction': self.reduction,
+            'pressure': self.pressure,
+            **changes,
+        }
+        return ShellModel(theory=theory, **values)

@@ -1,0 +1,110 @@
+"""What is asked of a shell, and what comes back: load cases and equilibria."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.loads import ContactPatch
+
+Array = NDArray[np.float64]
+
+
+class LoadCaseError(ValueError):
+    """A load case that cannot be applied."""
+
+
+@dataclass(frozen=True)
+class LoadCase:
+    """Contacts with what is prescribed at each, and dead loads.
+
+    Attributes:
+        contacts: k contact patches.
+        force: (k,) push along each axis [N]; NaN where the displacement is prescribed.
+        displacement: (k,) motion of each centre along its axis [m]; NaN where the force is.
+        lateral: (k, 3) dead force beside the push [N], or None.
+        held: whether the mean lateral motion and spin of every patch are kept at zero.
+        dead_load: (n, 3) other nodal forces [N], or None.
+    """
+
+    contacts: tuple[ContactPatch, ...]
+    force: Array
+    displacement: Array
+    lateral: Array | None = None
+    held: bool = True
+    dead_load: Array | None = None
+
+    def __post_init__(self) -> None:
+        count = len(self.contacts)
+        if self.force.shape != (count,) or self.displacement.shape != (count,):
+            raise LoadCaseError(
+                f'{count} contacts need {count} forces and displacements, got shapes '
+                f'{self.force.shape} and {self.displacement.shape}'
+            )
+        if np.any(np.isnan(self.force) == np.isnan(self.displacement)):
+            raise LoadCaseError(
+                'prescribe exactly one of force [N] and displacement [m] at every contact; '
+                f'got forces {self.force.tolist()}, displacements {self.displacement.tolist()}'
+            )
+        if np.any(np.isinf(self.force)) or np.any(np.isinf(self.displacement)):
+            raise LoadCaseError('prescribed forces and displacements must be finite')
+
+    @property
+    def driven(self) -> NDArray[np.bool_]:
+        """(k,) contacts whose displacement is prescribed."""
+        return ~np.isnan(self.displacement)
+
+
+def forced(contacts: tuple[ContactPatch, ...], force: Array | list[float]) -> LoadCase:
+    """Load case with the push [N] prescribed at every contact."""
+    values = np.asarray(force, dtype=float)
+    return LoadCase(contacts, values, np.full(len(values), np.nan))
+
+
+def displaced(contacts: tuple[ContactPatch, ...], displacement: Array | list[float]) -> LoadCase:
+    """Load case with the centre displacement [m] prescribed at every contact."""
+    values = np.asarray(displacement, dtype=float)
+    return LoadCase(contacts, np.full(len(values), np.nan), values)
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """An equilibrium, or, where `converged` is false, the last good state on the way to it.
+
+    Attributes:
+        converged: whether the whole load case is carried.
+        message: why not, in one sentence; empty when converged.
+        positions: (n, 3) control points of the middle surface [m].
+        force: (k,) push of each contact [N]. displacement: (k,) of each centre [m].
+        multipliers: (m,) reactions of held contacts and free rigid motions [N].
+        unbalance: (6,) resultant force [N] and moment [N m] about the origin that the applied
+            loads leave to supports and rigid-motion constraints.
+        energy: strain and gas energy [J]. gas_pressure: overpressure [Pa].
+        residual: unbalanced nodal force relative to the loads [-].
+        iterations: linear solves. factorisations: stiffness factorisations.
+        load_fraction: share of the load case that is carried, 1 when converged.
+        negative_modes: directions of negative stiffness under these controls, None if not asked.
+    """
+
+    converged: bool
+    message: str
+    positions: Array
+    force: Array
+    displacement: Array
+    multipliers: Array
+    unbalance: Array
+    energy: float
+    gas_pressure: float
+    residual: float
+    iterations: int
+    factorisations: int
+    load_fraction: float = 1.0
+    negative_modes: int | None = None
+    history: tuple[Array, ...] = field(default=(), repr=False)
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether no direction of negative stiffness is left; None when it was not asked."""
+        return None if self.negative_modes is None else self.negative_modes == 0

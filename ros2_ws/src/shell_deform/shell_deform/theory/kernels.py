@@ -1,0 +1,222 @@
+"""Compiled energy, gradient and Hessian of every theory at one point; twins of the numpy modules.
+
+One kernel per quantity, a theory chosen by its code, so that numba's on-disk cache serves every
+theory. All workspaces are passed in: nothing is allocated per point.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from shell_deform.compiled import compiled
+
+LINEAR, PAPER, PAPER_RESTORED, KOITER = 0, 1, 2, 3
+
+
+@compiled
+def _cross(a: Any, b: Any, out: Any) -> None:
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def _dot(a: Any, b: Any) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def _set_frame_curvature(tangents: Any, curvature: Any, k: Any) -> None:
+    for i in range(3):
+        k[0, i] = curvature[0] * tangents[0, i] + curvature[1] * tangents[1, i]
+        k[1, i] = curvature[1] * tangents[0, i] + curvature[2] * tangents[1, i]
+
+
+@compiled
+def point_strains(
+    theory: int,
+    q: Any,
+    tangents: Any,
+    second: Any,
+    curvature: Any,
+    strain: Any,
+    jac: Any,
+    work: Any,
+) -> float:
+    """Strains (6,) and their derivative (6, 15) at derivative vectors q (5, 3).
+
+    `work` (8, 3) keeps m, n and frame vectors for `add_point_hessian`; returns |a_1 x a_2|.
+    """
+    jac[:, :] = 0.0
+    m, normal, k = work[0], work[1], work[2:4]
+    if theory == LINEAR:
+        a_1, a_2 = tangents[0], tangents[1]
+    else:
+        a_1, a_2 = q[0], q[1]
+    _cross(a_1, a_2, m)
+    stretch = np.sqrt(_dot(m, m))
+    for i in range(3):
+        normal[i] = m[i] / stretch
+        jac[0, i] = a_1[i]
+        jac[1, 3 + i] = a_2[i]
+        jac[2, i] = a_2[i]
+        jac[2, 3 + i] = a_1[i]
+    cross_2, cross_1 = work[4], work[5]
+    for row in range(3):
+        vector = 2 if row == 0 else (4 if row == 1 else 3)
+        factor = 2.0 if row == 2 else 1.0
+        a_ij = second[vector - 2] if theory == LINEAR else q[vector]
+        _cross(a_2, a_ij, cross_2)
+        _cross(a_ij, a_1, cross_1)
+        if theory == KOITER:
+            # d(a_ij . n) = [a_ij - (a_ij . n) n] . dm / stretch
+            along = _dot(a_ij, normal)
+            for i in range(3):
+                jac[3 + row, 6 + 3 * (vector - 2) + i] = factor * normal[i]
+            _cross(a_2, normal, work[6])
+            _cross(normal, a_1, work[7])
+            for i in range(3):
+                jac[3 + row, i] = factor * (cross_2[i] - along * work[6, i]) / stretch
+                jac[3 + row, 3 + i] = factor * (cross_1[i] - along * work[7, i]) / stretch
+        else:
+            for i in range(3):
+                jac[3 + row, i] = factor * cross_2[i]
+                jac[3 + row, 3 + i] = factor * cross_1[i]
+                jac[3 + row, 6 + 3 * (vector - 2) + i] = factor * m[i]
+    if theory == LINEAR or theory == PAPER:
+        _set_frame_curvature(tangents, curvature, k)
+        for i in range(3):
+            jac[3, i] -= k[0, i]
+            jac[4, 3 + i] -= k[1, i]
+            jac[5, i] -= k[1, i]
+            jac[5, 3 + i] -= k[0, i]
+    if theory == LINEAR:
+        for row in range(6):
+            total = 0.0
+            for i in range(3):
+                total += jac[row, i] * (q[0, i] - tangents[0, i])
+                total += jac[row, 3 + i] * (q[1, i] - tangents[1, i])
+                for c in range(3):
+                    total += jac[row, 6 + 3 * c + i] * (q[2 + c, i] - second[c, i])
+            strain[row] = total
+        return stretch
+    strain[0] = 0.5 * (_dot(a_1, a_1) - 1.0)
+    strain[1] = 0.5 * (_dot(a_2, a_2) - 1.0)
+    strain[2] = _dot(a_1, a_2)
+    fibre = normal if theory == KOITER else m
+    strain[3] = _dot(q[2], fibre)
+    strain[4] = _dot(q[4], fibre)
+    strain[5] = 2.0 * _dot(q[3], fibre)
+    if theory == PAPER:
+        strain[3] -= _dot(a_1, k[0])
+        strain[4] -= _dot(a_2, k[1])
+        strain[5] -= _dot(a_1, k[1]) + _dot(a_2, k[0])
+    else:
+        strain[3] -= curvature[0]
+        strain[4] -= curvature[2]
+        strain[5] -= 2.0 * curvature[1]
+    return stretch
+
+
+@compiled
+def point_stress(strain: Any, membrane: Any, bending: Any, stress: Any) -> float:
+    """Stress resultants (6,) from strains, by (3, 3) stiffnesses; returns the energy density."""
+    energy = 0.0
+    for i in range(3):
+        n, moment = 0.0, 0.0
+        for j in range(3):
+            n += membrane[i, j] * strain[j]
+            moment += bending[i, j] * strain[3 + j]
+        stress[i] = n
+        stress[3 + i] = moment
+        energy += 0.5 * (n * strain[i] + moment * strain[3 + i])
+    return energy
+
+
+@compiled
+def _add_cross(h: Any, row: int, column: int, v: Any, factor: float) -> None:
+    h[row, column + 1] -= factor * v[2]
+    h[row, column + 2] += factor * v[1]
+    h[row + 1, column] += factor * v[2]
+    h[row + 1, column + 2] -= factor * v[0]
+    h[row + 2, column] -= factor * v[1]
+    h[row + 2, column + 1] += factor * v[0]
+
+
+@compiled
+def add_point_hessian(
+    theory: int, q: Any, stress: Any, stretch: float, work: Any, blocks: Any, h: Any
+) -> None:
+    """Add sum_k stress_k d2(strain_k)/dq2 to h (15, 15); call after `point_strains`."""
+    if theory == LINEAR:
+        return
+    a_1, a_2, m, normal = q[0], q[1], work[0], work[1]
+    for i in range(3):
+        h[i, i] += stress[0]
+        h[3 + i, 3 + i] += stress[1]
+        h[i, 3 + i] += stress[2]
+        h[3 + i, i] += stress[2]
+    c = work[4]
+    for i in range(3):
+        c[i] = stress[3] * q[2, i] + stress[4] * q[4, i] + 2.0 * stress[5] * q[3, i]
+    by_1, by_2 = blocks[0], blocks[1]  # d(fibre)/da_1, d(fibre)/da_2
+    by_1[:, :] = 0.0
+    by_2[:, :] = 0.0
+    _add_cross(by_1, 0, 0, a_2, -1.0)
+    _add_cross(by_2, 0, 0, a_1, 1.0)
+    if theory == KOITER:
+        for block in range(2):
+            matrix = blocks[block]
+            for j in range(3):
+                along = (
+                    normal[0] * matrix[0, j] + normal[1] * matrix[1, j] + normal[2] * matrix[2, j]
+                )
+                for i in range(3):
+                    matrix[i, j] = (matrix[i, j] - along * normal[i]) / stretch
+    for vector in range(3):
+        moment = stress[3] if vector == 0 else (2.0 * stress[5] if vector == 1 else stress[4])
+        base = 6 + 3 * vector
+        for i in range(3):
+            for j in range(3):
+                h[base + i, j] += moment * by_1[i, j]
+                h[j, base + i] += moment * by_1[i, j]
+                h[base + i, 3 + j] += moment * by_2[i, j]
+                h[3 + j, base + i] += moment * by_2[i, j]
+    if theory != KOITER:
+        _add_cross(h, 0, 3, c, -1.0)
+        _add_cross(h, 3, 0, c, 1.0)
+        return
+    # f = c . n at fixed c, and f * stretch = c . (a_1 x a_2), differentiated twice.
+    f = _dot(c, normal)
+    f_by, j_by = blocks[2], blocks[3]
+    for j in range(3):
+        f_by[0, j] = c[0] * by_1[0, j] + c[1] * by_1[1, j] + c[2] * by_1[2, j]
+        f_by[1, j] = c[0] * by_2[0, j] + c[1] * by_2[1, j] + c[2] * by_2[2, j]
+    _cross(a_2, normal, j_by[0])
+    _cross(normal, a_1, j_by[1])
+    inverse = 1.0 / stretch
+    for x in range(2):
+        for y in range(2):
+            for i in range(3):
+                # column i of dm/da_x: e_i x a_2 or a_1 x e_i
+                if x == 0:
+                    mx = -a_2[2] if i == 1 else (a_2[1] if i == 2 else 0.0)
+                    my = a_2[2] if i == 0 else (-a_2[0] if i == 2 else 0.0)
+                    mz = -a_2[1] if i == 0 else (a_2[0] if i == 1 else 0.0)
+                    mx, my, mz = -mx, -my, -mz
+                else:
+                    mx = -a_1[2] if i == 1 else (a_1[1] if i == 2 else 0.0)
+                    my = a_1[2] if i == 0 else (-a_1[0] if i == 2 else 0.0)
+                    mz = -a_1[1] if i == 0 else (a_1[0] if i == 1 else 0.0)
+                for j in range(3):
+                    n_y = blocks[y]
+                    j_xy = mx * n_y[0, j] + my * n_y[1, j] + mz * n_y[2, j]
+                    h[3 * x + i, 3 * y + j] -= inverse * (
+                        f * j_xy + j_by[x, i] * f_by[y, j] + f_by[x, i] * j_by[y, j]
+                    )
+    for i in range(3):
+        work[5, i] = (c[i] - f * normal[i]) * inverse
+    _add_cross(h, 0, 3, work[5], -1.0)
+    _add_cross(h, 3, 0, work[5], 1.0)

@@ -1,0 +1,165 @@
+"""Bags in MCAP files: sound ones by their index, ones without index after one pass over them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from grasp_replay.bag import Bag, Message, Topic, damaged
+from grasp_replay.errors import BagError
+from grasp_replay.mcap_blocks import (
+    Block,
+    Channel,
+    Damage,
+    Definitions,
+    StoredMessage,
+    block_messages,
+    file_size,
+    load_block,
+    read_summary,
+)
+from grasp_replay.mcap_scan import scan_file
+
+
+@dataclass(frozen=True)
+class _FileBlock:
+    """A block with the file it is in."""
+
+    stream: BinaryIO
+    file: Path
+    block: Block
+    channels: dict[int, Channel]
+    start: int
+    end: int
+
+
+class McapBag(Bag):
+    """MCAP files, read block by block: memory holds only blocks that overlap in time."""
+
+    def __init__(self, path: Path, files: list[Path]) -> None:
+        super().__init__(path)
+        self.files = files
+        self._blocks: list[_FileBlock] = []
+        self._stack = ExitStack()
+        try:
+            for file in files:
+                self._open(file)
+        except BaseException:
+            self.close()
+            raise
+        filled = [block for block in self._blocks if block.end]
+        self.start = min((block.start for block in filled), default=0)
+        self.end = max((block.end for block in filled), default=0)
+
+    def _open(self, file: Path) -> None:
+        try:
+            stream = self._stack.enter_context(file.open('rb'))
+            size = file_size(stream)
+            summary = read_summary(stream, size)
+        except OSError as error:
+            raise BagError(f'{file} cannot be read: {error.strerror}') from error
+        except Damage as damage:
+            raise damaged(file, str(damage)) from damage
+        if summary is not None:
+            counts = summary.counts or {}
+            definitions = summary.definitions
+            spans = [(block, block.start, block.end) for block in summary.blocks]
+        else:
+            self.notes.append(f'{file.name} has no index; it was read once to make one')
+            scan = scan_file(stream)
+            if not scan.sound:
+                raise damaged(file, scan.lost[0].reason)
+            definitions, counts = scan.definitions, {}
+            for checked in scan.blocks:
+                for channel_id, count in checked.counts.items():
+                    counts[channel_id] = counts.get(channel_id, 0) + count
+            spans = [(checked.block, checked.start, checked.end) for checked in scan.blocks]
+        self._add_topics(file, definitions, counts)
+        self._blocks += [
+            _FileBlock(stream, file, block, definitions.channels, start, end)
+            for block, start, end in spans
+        ]
+
+    def _add_topics(self, file: Path, definitions: Definitions, counts: dict[int, int]) -> None:
+        for channel_id in counts:
+            if channel_id not in definitions.channels:
+                raise damaged(file, f'{counts[channel_id]} messages belong to no channel')
+        for channel in definitions.channels.values():
+            schema = definitions.schemas.get(channel.schema_id)
+            self._add_topic(
+                Topic(
+                    channel.topic,
+                    schema.name if schema else '',
+                    counts.get(channel.id, 0),
+                    channel.encoding,
+                    channel.metadata.get('offered_qos_profiles', ''),
+                    channel.metadata.get('topic_type_hash', ''),
+                    schema.text.decode('utf-8', 'replace') if schema else '',
+                    schema.encoding if schema else '',
+                )
+            )
+
+    def messages(
+        self,
+        topics: Collection[str] | None = None,
+        start: int | None = None,
+        stop: int | None = None,
+    ) -> Iterator[Message]:
+        """As `Bag.messages`."""
+        wanted = set(self.topics if topics is None else topics)
+        first = 0 if start is None else start
+        last = 2**64 if stop is None else stop
+        blocks = [block for block in self._blocks if block.end >= first and block.start < last]
+        blocks.sort(key=lambda block: block.start)
+        pending: list[Message] = []
+        for block in blocks:
+            ready = 0
+            while ready < len(pending) and pending[ready].log_time < block.start:
+                ready += 1
+            yield from pending[:ready]
+            del pending[:ready]
+            loaded = self._load(block, wanted, first, last)
+            pending = pending + loaded if pending else loaded
+            pending.sort(key=_log_time)
+        yield from pending
+
+    def _load(self, place: _FileBlock, wanted: set[str], first: int, last: int) -> list[Message]:
+        try:
+            stored = block_messages(load_block(place.stream, place.block), None)
+        except OSError as error:
+            raise BagError(f'{place.file} cannot be read: {error.strerror}') from error
+        except Damage as damage:
+            raise damaged(place.file, str(damage)) from damage
+        names = {
+            channel_id: channel.topic
+            for channel_id, channel in place.channels.items()
+            if channel.topic in wanted
+        }
+        self._check_times(place, stored)
+        return [
+            Message(names[channel_id], bytes(data), log_time, publish_time, sequence)
+            for channel_id, sequence, log_time, publish_time, data in stored
+            if channel_id in names and first <= log_time < last
+        ]
+
+    @staticmethod
+    def _check_times(place: _FileBlock, stored: list[StoredMessage]) -> None:
+        # The order of reading rests on the declared times: a false one would reorder silently.
+        for message in stored:
+            if not place.start <= message.log_time <= place.end:
+                raise damaged(
+                    place.file,
+                    f'the chunk at byte {place.block.record_start} holds a message outside the '
+                    'times it declares',
+                )
+
+    def close(self) -> None:
+        """Close the files."""
+        self._stack.close()
+
+
+def _log_time(message: Message) -> int:
+    return message.log_time

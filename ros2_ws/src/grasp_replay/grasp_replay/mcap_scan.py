@@ -1,0 +1,314 @@
+"""Walks a whole MCAP file from its first byte, past damage, and says what is sound in it.
+
+After a record that contradicts itself the walk looks for the next chunk that is whole: a chunk
+declares its length twice, which no stray bytes do. Nothing is read further than needed and
+nothing is allocated on the word of a damaged length.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import BinaryIO
+
+from grasp_replay.mcap_blocks import (
+    ATTACHMENT,
+    ATTACHMENT_INDEX,
+    CHANNEL,
+    CHUNK,
+    CHUNK_INDEX,
+    DATA_END,
+    FOOTER,
+    HEADER,
+    MAGIC,
+    MESSAGE,
+    MESSAGE_INDEX,
+    MESSAGE_PREFIX,
+    METADATA,
+    METADATA_INDEX,
+    RECORD_PREFIX,
+    SCHEMA,
+    STATISTICS,
+    SUMMARY_OFFSET,
+    Block,
+    Damage,
+    Definitions,
+    Fields,
+    block_messages,
+    file_size,
+    load_block,
+    parse_chunk_header,
+    read_summary,
+)
+
+# Messages outside chunks are gathered into runs of about this many bytes.
+RUN_BYTES = 2**20
+# Bytes read at once while looking for the next chunk after damage.
+SEARCH_BYTES = 2**20
+# Record prefix, start, end, uncompressed size, checksum, compression name.
+CHUNK_SIGNATURE = re.compile(
+    rb'\x06(?=.{8}.{28}(?:\x00\x00\x00\x00|\x03\x00\x00\x00lz4|\x04\x00\x00\x00zstd))', re.DOTALL
+)
+SIGNATURE_BYTES = 9 + 28 + 8
+# A record that claims more than this is not believed before its bytes are there.
+LONGEST_RECORD = 2**40
+
+# How each record with variable or fixed fields proves its own length.
+SMALL_RECORDS: dict[int, Callable[[Fields], object]] = {
+    HEADER: lambda fields: (fields.text(), fields.text()),
+    MESSAGE_INDEX: lambda fields: (fields.take(2), fields.take(fields.integer(4))),
+    CHUNK_INDEX: lambda fields: (
+        fields.take(32),
+        fields.take(fields.integer(4)),
+        fields.take(8),
+        fields.text(),
+        fields.take(16),
+    ),
+    ATTACHMENT_INDEX: lambda fields: (fields.take(40), fields.text(), fields.text()),
+    STATISTICS: lambda fields: (fields.take(42), fields.take(fields.integer(4))),
+    METADATA: lambda fields: (fields.text(), fields.string_map()),
+    METADATA_INDEX: lambda fields: (fields.take(16), fields.text()),
+    SUMMARY_OFFSET: lambda fields: fields.take(17),
+    DATA_END: lambda fields: fields.take(4),
+    FOOTER: lambda fields: fields.take(20),
+}
+
+
+@dataclass(frozen=True)
+class Lost:
+    """A stretch of bytes [start, end) that cannot be used, and why."""
+
+    start: int
+    end: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class CheckedBlock:
+    """A sound block: its true first and last log time (ns) and messages by channel id."""
+
+    block: Block
+    start: int
+    end: int
+    counts: dict[int, int]
+
+
+@dataclass
+class Scan:
+    """What a walk through a file found.
+
+    `complete`: the end mark is in place. `unchecked_blocks` carry no checksum,
+    `unindexed_blocks` no message index. `declared_count` is the number of messages according
+    to a sound summary.
+    """
+
+    size: int
+    definitions: Definitions = field(default_factory=Definitions)
+    blocks: list[CheckedBlock] = field(default_factory=list)
+    lost: list[Lost] = field(default_factory=list)
+    complete: bool = False
+    unchecked_blocks: int = 0
+    unindexed_blocks: int = 0
+    declared_count: int | None = None
+
+    @property
+    def sound(self) -> bool:
+        """True when nothing is missing and nothing is damaged."""
+        return self.complete and not self.lost
+
+    @property
+    def message_count(self) -> int:
+        """Messages in sound blocks."""
+        return sum(sum(block.counts.values()) for block in self.blocks)
+
+
+def scan_file(stream: BinaryIO, progress: Callable[[int], None] | None = None) -> Scan:
+    """Walk an open file; `progress` is told the bytes passed. Never raises for damage."""
+    return _Walk(stream, progress or (lambda _position: None)).run()
+
+
+class _Walk:
+    """One pass over one file."""
+
+    def __init__(self, stream: BinaryIO, progress: Callable[[int], None]) -> None:
+        self.stream = stream
+        self.progress = progress
+        self.size = file_size(stream)
+        self.result = Scan(self.size)
+        self.in_summary = False
+        self.weak = Definitions()
+        self.chunks_seen = 0
+        self.index_seen = True
+        self.run_start = 0
+        self.run_end = 0
+
+    def run(self) -> Scan:
+        position = self._begin()
+        while position < self.size and not self.result.complete:
+            try:
+                position = self._record(position)
+            except Damage as damage:
+                self._close_run()
+                following = self._next_chunk(position + 1)
+                self._lose(position, following, str(damage))
+                position = following
+            self.progress(position)
+        self._close_run()
+        self._note_missing_index()
+        self.result.definitions.merge(self.weak)
+        if not self.result.complete and not self.result.lost:
+            self._lose(self.size, self.size, 'the file ends before its end mark')
+        return self.result
+
+    def _begin(self) -> int:
+        self.stream.seek(0)
+        if self.stream.read(len(MAGIC)) != MAGIC:
+            self._lose(0, min(len(MAGIC), self.size), 'the file does not begin as an MCAP file')
+        try:
+            summary = read_summary(self.stream, self.size)
+        except Damage:
+            summary = None
+        if summary is not None:
+            self.result.definitions.merge(summary.definitions)
+            self.result.declared_count = summary.message_count
+        return len(MAGIC)
+
+    def _lose(self, start: int, end: int, reason: str) -> None:
+        lost = self.result.lost
+        if lost and lost[-1].end == start:
+            lost[-1] = Lost(lost[-1].start, end, lost[-1].reason)
+        else:
+            lost.append(Lost(start, end, reason))
+
+    def _record(self, position: int) -> int:
+        """Take one record; returns where the next begins, or raises Damage."""
+        self.stream.seek(position)
+        head = self.stream.read(RECORD_PREFIX.size + 64)
+        if len(head) < RECORD_PREFIX.size:
+            raise Damage('the file ends inside a record')
+        opcode, length = RECORD_PREFIX.unpack_from(head)
+        body = position + RECORD_PREFIX.size
+        end = body + length
+        if opcode == CHUNK:
+            self._take_chunk(parse_chunk_header(head[9:], position, length, self.size), end)
+            return end
+        if end > self.size:
+            if opcode <= DATA_END:
+                raise Damage('the file ends inside a record')
+            raise Damage('bytes that are no record')
+        if opcode == MESSAGE:
+            self._extend_run(position, end, head[9:])
+            return end
+        if opcode == ATTACHMENT or opcode > DATA_END:
+            self._expect_record_at(end)
+        else:
+            self._take_small(opcode, body, length)
+        if opcode == FOOTER:
+            self._take_end(end)
+        return end
+
+    def _take_chunk(self, block: Block, end: int) -> None:
+        self._close_run()
+        if end > self.size:
+            raise Damage('the file ends inside a chunk')
+        self._note_missing_index()
+        self.chunks_seen += 1
+        self.index_seen = False
+        try:
+            self._check(block)
+        except Damage as damage:
+            # The two lengths agree, so the record is whole and only its content is not.
+            self.index_seen = True
+            self._lose(block.record_start, end, str(damage))
+
+    def _note_missing_index(self) -> None:
+        self.result.unindexed_blocks += not self.index_seen
+        self.index_seen = True
+
+    def _take_small(self, opcode: int, body: int, length: int) -> None:
+        """Hold a record against its own fields and keep what it defines; raises Damage."""
+        self.stream.seek(body)
+        data = memoryview(self.stream.read(length))
+        if opcode in (SCHEMA, CHANNEL):
+            # What the chunks say stands under their checksums: the summary only fills gaps.
+            (self.weak if self.in_summary else self.result.definitions).add(opcode, data)
+            return
+        if opcode not in SMALL_RECORDS:
+            raise Damage('bytes that are no record')
+        fields = Fields(data)
+        SMALL_RECORDS[opcode](fields)
+        if fields.position != length:
+            self._expect_record_at(body + length)
+        self.in_summary |= opcode == DATA_END
+        self.index_seen |= opcode == MESSAGE_INDEX
+
+    def _take_end(self, end: int) -> None:
+        self.stream.seek(end)
+        if self.stream.read(len(MAGIC)) != MAGIC:
+            raise Damage('the file ends before its end mark')
+        self.result.complete = True
+        if end + len(MAGIC) < self.size:
+            self._lose(end + len(MAGIC), self.size, 'bytes after the end mark')
+
+    def _expect_record_at(self, position: int) -> None:
+        """A record that cannot prove its length is believed if another follows it."""
+        self.stream.seek(position)
+        following = self.stream.read(RECORD_PREFIX.size)
+        if len(following) == RECORD_PREFIX.size:
+            opcode, length = RECORD_PREFIX.unpack(following)
+            if not HEADER <= opcode <= DATA_END or length > LONGEST_RECORD:
+                raise Damage('a record that no record follows')
+
+    def _check(self, block: Block) -> None:
+        """Load a block, verify it and count it; raises Damage."""
+        definitions = Definitions()
+        counts: dict[int, int] = {}
+        start, end = 2**64, 0
+        for message in block_messages(load_block(self.stream, block), definitions):
+            counts[message.channel_id] = counts.get(message.channel_id, 0) + 1
+            start, end = min(start, message.log_time), max(end, message.log_time)
+        self.result.definitions.merge(definitions)
+        self.result.unchecked_blocks += not block.crc
+        if counts:
+            self.result.blocks.append(CheckedBlock(block, start, end, counts))
+
+    def _extend_run(self, position: int, end: int, body: bytes) -> None:
+        if end - position < RECORD_PREFIX.size + MESSAGE_PREFIX.size or len(body) < 2:
+            raise Damage('a message record without its fields')
+        channel_id = int.from_bytes(body[:2], 'little')
+        if self.chunks_seen or channel_id not in self.result.definitions.channels:
+            raise Damage('a message outside the chunks')
+        self._expect_record_at(end)
+        if self.run_end and (position != self.run_end or end - self.run_start > RUN_BYTES):
+            self._close_run()
+        if not self.run_end:
+            self.run_start = position
+        self.run_end = end
+
+    def _close_run(self) -> None:
+        if self.run_end:
+            start, end = self.run_start, self.run_end
+            self.run_start = self.run_end = 0
+            self._check(Block(start, start, end - start, end - start, 0, None))
+
+    def _next_chunk(self, position: int) -> int:
+        """Where the next whole chunk stands at or after `position`, or the end of the file."""
+        while position < self.size:
+            self.stream.seek(position)
+            data = self.stream.read(SEARCH_BYTES + SIGNATURE_BYTES)
+            for match in CHUNK_SIGNATURE.finditer(data):
+                if self._is_chunk(position + match.start()):
+                    return position + match.start()
+            position += SEARCH_BYTES
+        return self.size
+
+    def _is_chunk(self, position: int) -> bool:
+        self.stream.seek(position)
+        head = self.stream.read(RECORD_PREFIX.size + 64)
+        length = RECORD_PREFIX.unpack_from(head)[1]
+        try:
+            parse_chunk_header(head[RECORD_PREFIX.size :], position, length, self.size)
+        except Damage:
+            return False
+        return position + RECORD_PREFIX.size + length <= self.size

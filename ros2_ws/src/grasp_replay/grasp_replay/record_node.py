@@ -1,0 +1,229 @@
+"""`record`: topics to a crash-safe MCAP bag in rosbag2's layout."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
+
+from grasp_replay.bag_writer import COMPRESSIONS, BagWriter
+from grasp_replay.cdr import has_header, header_stamp
+from grasp_replay.errors import BagError
+from grasp_replay.messages import from_endpoint, message_class, type_hash
+from grasp_replay.progress import status_line
+from grasp_replay.qos import common_offer, qos_text
+from grasp_replay.topic_selection import TopicSelection
+
+DISCOVERY_PERIOD = 0.1
+FLUSH_PERIOD = 0.5
+SUBSCRIPTION_DEPTH = 1000
+
+
+class RecordNode(Node):
+    """Subscribes to the wanted topics as they appear and writes their bytes unread."""
+
+    def __init__(
+        self, writer: BagWriter, selection: TopicSelection, log_time_from: str, sim_time: bool
+    ) -> None:
+        super().__init__('record', parameter_overrides=[Parameter('use_sim_time', value=sim_time)])
+        self.writer = writer
+        self.lost = 0
+        self.failure: BagError | None = None
+        self._selection = selection
+        self._log_time_from = log_time_from
+        self._refused: set[str] = set()
+        self._topics: dict[str, int] = {}
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(DISCOVERY_PERIOD, self._discover, clock=steady)
+        self.create_timer(FLUSH_PERIOD, self._guarded(writer.flush), clock=steady)
+        self._discover()
+
+    @property
+    def topic_count(self) -> int:
+        """Topics found and subscribed so far."""
+        return len(self._topics)
+
+    def _discover(self) -> None:
+        for topic, types in self.get_topic_names_and_types():
+            if topic in self._topics or topic in self._refused:
+                continue
+            if self._selection.accepts(topic) and self.get_publishers_info_by_topic(topic):
+                self._subscribe(topic, types)
+
+    def _subscribe(self, topic: str, types: Sequence[str]) -> None:
+        publishers = self.get_publishers_info_by_topic(topic)
+        type_name = publishers[0].topic_type
+        try:
+            kind = message_class(type_name)
+        except BagError as error:
+            self._refused.add(topic)
+            self.get_logger().warning(f'{topic} is not recorded: {error}')
+            return
+        if len(types) > 1:
+            self.get_logger().warning(
+                f'{topic} carries the types {", ".join(types)}; only {type_name} is recorded'
+            )
+        offers = [from_endpoint(endpoint) for endpoint in publishers]
+        unique = list(dict.fromkeys(offers))
+        number = self.writer.add_topic(
+            topic, type_name, qos_text(*unique), type_hash=type_hash(publishers[0])
+        )
+        self._topics[topic] = number
+        common = common_offer(unique)
+        self.create_subscription(
+            kind,
+            topic,
+            self._taker(number, has_header(type_name)),  # type: ignore[arg-type]
+            QoSProfile(
+                history=HistoryPolicy.KEEP_LAST,
+                depth=SUBSCRIPTION_DEPTH,
+                reliability=ReliabilityPolicy[common.reliability.upper()],
+                durability=DurabilityPolicy[common.durability.upper()],
+            ),
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(message_lost=self._count_lost),
+        )
+
+    def _taker(self, number: int, stamped: bool) -> Callable[[bytes, dict[str, int]], None]:
+        def take(data: bytes, info: dict[str, int]) -> None:
+            published = info['source_timestamp']
+            if stamped and self._log_time_from == 'header':
+                stamp = header_stamp(data)
+            elif self._log_time_from != 'received':
+                stamp = self.get_clock().now().nanoseconds
+            else:
+                stamp = info['received_timestamp']
+            self._guarded(lambda: self.writer.write(number, data, stamp, published))()
+
+        return take
+
+    def _count_lost(self, event: Any) -> None:
+        self.lost += event.total_count_change
+
+    def _guarded(self, action: Callable[[], object]) -> Callable[[], None]:
+        def run() -> None:
+            if self.failure is None:
+                try:
+                    action()
+                except BagError as error:
+                    self.failure = error
+
+        return run
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The command line of `record`."""
+    parser = argparse.ArgumentParser(
+        prog='record', description='Record topics into a crash-safe MCAP bag (rosbag2 layout).'
+    )
+    parser.add_argument('topics', nargs='*', help='topics to record (absolute names)')
+    parser.add_argument('-a', '--all', action='store_true', help='every topic that is not hidden')
+    parser.add_argument('-o', '--output', type=Path, help='new directory (default: by the date)')
+    parser.add_argument('-e', '--regex', help='also topics whose whole name matches')
+    parser.add_argument('-x', '--exclude-regex', help='not topics whose whole name matches')
+    parser.add_argument('--exclude-topics', nargs='+', default=[], metavar='TOPIC')
+    parser.add_argument('--compression', choices=sorted(COMPRESSIONS), default='zstd')
+    parser.add_argument(
+        '--time',
+        choices=('received', 'clock', 'header'),
+        default='received',
+        help='where log times come from: arrival here, the ROS clock, or the stamp in the header '
+        '(the ROS clock for messages without one)',
+    )
+    parser.add_argument('--use-sim-time', action='store_true', help='the ROS clock follows /clock')
+    parser.add_argument('-d', '--duration', type=float, help='stop after this many seconds')
+    parser.add_argument('--json', action='store_true', help='print the summary as JSON')
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `record`; returns the exit code."""
+    raw = list(sys.argv if arguments is None else ['record', *arguments])
+    parser = build_parser()
+    options = parser.parse_args(remove_ros_args(raw)[1:])
+    if not (options.topics or options.all or options.regex):
+        parser.error('name topics, or give --all or --regex')
+    if options.duration is not None and not options.duration > 0:
+        parser.error('--duration must be a number of seconds > 0')
+    try:
+        selection = TopicSelection(
+            topics=tuple(options.topics),
+            everything=options.all,
+            regex=options.regex,
+            exclude_topics=tuple(options.exclude_topics),
+            exclude_regex=options.exclude_regex,
+        )
+    except re.error as error:
+        parser.error(f'{error.pattern!r} is no regular expression: {error}')
+    directory = options.output or Path(time.strftime('bag_%Y_%m_%d-%H_%M_%S'))
+    try:
+        return _record(directory, selection, options, raw)
+    except BagError as error:
+        print(f'record: {error}', file=sys.stderr)
+        return 1
+
+
+def _record(
+    directory: Path, selection: TopicSelection, options: argparse.Namespace, raw: list[str]
+) -> int:
+    rclpy.init(args=raw)
+    writer = BagWriter(directory, compression=options.compression)
+    node = RecordNode(writer, selection, options.time, options.use_sim_time)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    start = time.monotonic()
+    print(f'recording into {directory}', file=sys.stderr, flush=True)
+    try:
+        with status_line() as show:
+            while node.failure is None and rclpy.ok():
+                elapsed = time.monotonic() - start
+                if options.duration is not None and elapsed >= options.duration:
+                    break
+                show(
+                    f'{elapsed:7.1f} s  {node.topic_count} topics  '
+                    f'{writer.message_count} messages  {writer.size / 1e6:.1f} MB'
+                )
+                executor.spin_once(timeout_sec=0.1)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        writer.close()
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
+    summary = {
+        'bag': str(directory),
+        'topics': node.topic_count,
+        'messages': writer.message_count,
+        'lost': node.lost,
+        'bytes': writer.size,
+    }
+    if options.json:
+        print(json.dumps(summary))
+    else:
+        print(
+            f'recorded {writer.message_count} messages of {node.topic_count} topics into '
+            f'{directory} ({node.lost} lost)',
+            file=sys.stderr,
+        )
+    if node.failure is not None:
+        raise node.failure
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

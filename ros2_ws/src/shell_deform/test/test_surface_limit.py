@@ -1,0 +1,138 @@
+"""Limit positions, normals and closest points."""
+
+import numpy as np
+import pytest
+import surface_shapes as shapes
+import trimesh
+
+from shell_deform.surface import control_mesh
+from shell_deform.surface.limit import LimitSurface
+
+
+@pytest.mark.parametrize('levels', [0, 2])
+def test_limit_positions_are_what_repeated_subdivision_tends_to(levels):
+    mesh = shapes.sphere(levels)
+    found = LimitSurface(mesh).limit_positions(mesh.vertices)
+    vertices, faces = mesh.vertices, mesh.triangles
+    for _ in range(4):
+        vertices, faces = trimesh.remesh.subdivide_loop(vertices, faces, iterations=1)
+    moved = control_mesh(vertices, faces)
+    limit = LimitSurface(moved).limit_positions(moved.vertices)
+    distance = np.linalg.norm(limit[:, None] - found[None], axis=2).min(axis=0)
+    assert distance.max() < 1e-12
+
+
+def test_control_points_invert_limit_positions():
+    for mesh in (shapes.random_ball(80, 1), control_mesh(*shapes.grid_arrays(5, 5, 0.2))):
+        surface = LimitSurface(mesh)
+        control = surface.control_points(mesh.vertices)
+        np.testing.assert_allclose(surface.limit_positions(control), mesh.vertices, atol=1e-12)
+
+
+def test_the_limit_matrix_agrees_with_evaluation_at_the_corners():
+    points, faces = shapes.grid_arrays(6, 5, noise=0.3)
+    meshes = [
+        shapes.random_ball(50, 2),
+        control_mesh(points, faces),
+        control_mesh(points, faces, corners=[]),
+        control_mesh(points, faces, crease_edges=[(14, 15), (15, 16)]),
+    ]
+    for mesh in meshes:
+        surface = LimitSurface(mesh)
+        limit = surface.limit_positions(mesh.vertices)
+        for corner, parameters in enumerate(([0, 0], [1, 0], [0, 1])):
+            triangle = np.arange(mesh.triangle_count)
+            found = surface.evaluate(
+                mesh.vertices, triangle, np.tile(parameters, (len(triangle), 1))
+            )
+            np.testing.assert_allclose(
+                found.position, limit[mesh.triangles[:, corner]], atol=1e-12
+            )
+
+
+def test_normals_of_a_sphere_point_outward():
+    mesh = shapes.sphere(3)
+    surface = LimitSurface(mesh)
+    control = surface.control_points(mesh.vertices)
+    normals = surface.vertex_normals(control)
+    assert np.einsum('ij,ij->i', normals, mesh.vertices).min() > 0.9999
+
+
+def test_closest_points_of_a_sphere():
+    mesh = shapes.sphere(3, radius=0.03125)
+    surface = LimitSurface(mesh)
+    control = surface.control_points(mesh.vertices)
+    random = np.random.default_rng(0)
+    direction = random.normal(size=(3000, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    radius = random.uniform(0.02, 0.05, 3000)
+    found = surface.closest_point(control, direction * radius[:, None], offset=0.00125)
+    np.testing.assert_allclose(found.distance, radius - 0.0325, atol=3e-5)
+    assert not found.on_boundary.any()
+    np.testing.assert_allclose(np.linalg.norm(found.position, axis=1), 0.0325, atol=3e-5)
+    assert np.einsum('ij,ij->i', found.normal, direction).min() > 0.999
+
+
+@pytest.mark.parametrize('make', [lambda: shapes.random_ball(60, 4), lambda: shapes.torus(9, 7)])
+def test_the_foot_of_a_raised_point_is_where_it_was_raised(make):
+    mesh = make()
+    surface = LimitSurface(mesh)
+    random = np.random.default_rng(3)
+    triangle = random.integers(0, mesh.triangle_count, 2000)
+    parameters = random.dirichlet([1, 1, 1], 2000)[:, 1:]
+    there = surface.evaluate(mesh.vertices, triangle, parameters)
+    height = random.uniform(-0.01, 0.01, 2000)
+    found = surface.closest_point(mesh.vertices, there.position + height[:, None] * there.normal)
+    np.testing.assert_allclose(found.distance, height, atol=2e-8)
+    np.testing.assert_allclose(found.position, there.position, atol=2e-5)
+
+
+def test_no_sample_is_nearer_than_the_closest_point():
+    mesh = shapes.random_ball(40, 5)
+    surface = LimitSurface(mesh)
+    queries = np.random.default_rng(4).normal(size=(300, 3)) * 0.7
+    found = surface.closest_point(mesh.vertices, queries)
+    n = 24
+    grid = np.array([(i / n, j / n) for i in range(n + 1) for j in range(n + 1 - i)])
+    triangle = np.repeat(np.arange(mesh.triangle_count), len(grid))
+    dense = surface.evaluate(mesh.vertices, triangle, np.tile(grid, (mesh.triangle_count, 1)))
+    nearest = np.linalg.norm(dense.position[None] - queries[:, None], axis=2).min(axis=1)
+    assert (np.abs(found.distance) < nearest + 1e-9).mean() > 0.97
+
+
+def test_points_beside_an_open_surface_are_flagged():
+    points, faces = shapes.grid_arrays(6, 6)
+    mesh = control_mesh(points, faces)
+    queries = [[3.2, 2.7, 0.5], [-1.0, 3.3, 0.4], [7.0, 8.0, -0.3], [3.0, 6.2, 0.1]]
+    found = LimitSurface(mesh).closest_point(mesh.vertices, queries)
+    np.testing.assert_array_equal(found.on_boundary, [False, True, True, True])
+    expected = [0.5, np.hypot(1.0, 0.4), -np.sqrt(1 + 4 + 0.09), np.hypot(0.2, 0.1)]
+    np.testing.assert_allclose(found.distance, expected, atol=1e-9)
+    np.testing.assert_allclose(
+        found.position, [[3.2, 2.7, 0], [0, 3.3, 0], [6, 6, 0], [3, 6, 0]], atol=1e-8
+    )
+
+
+def test_threads_do_not_change_the_answer():
+    mesh = shapes.random_ball(60, 6)
+    surface = LimitSurface(mesh)
+    queries = np.random.default_rng(5).normal(size=(5000, 3))
+    one = surface.closest_point(mesh.vertices, queries, threads=1)
+    three = surface.closest_point(mesh.vertices, queries, threads=3)
+    np.testing.assert_array_equal(one.position, three.position)
+    np.testing.assert_array_equal(one.triangle, three.triangle)
+
+
+def test_the_last_answer_can_be_the_next_start():
+    mesh = shapes.sphere(2)
+    surface = LimitSurface(mesh)
+    queries = np.random.default_rng(6).normal(size=(500, 3))
+    cold = surface.closest_point(mesh.vertices, queries)
+    warm = surface.closest_point(mesh.vertices, queries, seeds=(cold.triangle, cold.parameters))
+    np.testing.assert_allclose(warm.position, cold.position, atol=1e-9)
+
+
+def test_queries_must_be_finite():
+    mesh = shapes.sphere(1)
+    with pytest.raises(ValueError, match='query 1 is not finite'):
+        LimitSurface(mesh).closest_point(mesh.vertices, [[0, 0, 2], [0, np.nan, 1]])

@@ -130,6 +130,19 @@ class Discretisation:
         """Sparsity of the tangent stiffness."""
         return stiffness_pattern(self.node_offsets, self.nodes, len(self.mesh.vertices))
 
+    @cached_property
+    def row_nodes(self) -> Index:
+        """(r,) control point of every basis row entry."""
+        element = np.repeat(np.arange(len(self.node_offsets) - 1), np.diff(self.point_offsets))
+        return np.concatenate(
+            [self.nodes[self.node_offsets[e] : self.node_offsets[e + 1]] for e in element]
+        )
+
+    def value_matrix(self) -> sp.csr_matrix:
+        """(p, n) sparse map from control values to values at the quadrature points."""
+        size = (len(self.weights), len(self.mesh.vertices))
+        return sp.csr_matrix((self.values, self.row_nodes, self.row_offsets), shape=size)
+
     @property
     def area(self) -> float:
         """Area of the undeformed middle surface [m^2]."""
@@ -218,25 +231,19 @@ def discretise(
     material: Material,
     thickness: float | Array,
     basis: QuadratureBasis | None = None,
-    active: NDArray[np.bool_] | None = None,
 ) -> Discretisation:
     """Discretise the limit surface of `mesh` as a wall of `thickness` [m].
 
     `thickness` is one number or one per control vertex (n,). `basis` defaults to three points per
-    triangle, with the irregular ones refined. `active` (triangles,) leaves triangles out of the
-    integrals: those beyond a plane of symmetry, say, whose vertices still carry the basis.
+    triangle, with the irregular ones refined.
     """
     basis = basis if basis is not None else quadrature_basis(mesh, 3, refine_irregular=2)
     element = np.asarray(basis.element, dtype=np.int64)
     if np.any(np.diff(element) < 0):
         raise ValueError('quadrature points must be sorted by element')
     rows_of = np.diff(basis.row_offsets)
-    keep = np.ones(len(element), bool) if active is None else np.asarray(active)[element]
-    keep_rows = np.repeat(keep, rows_of)
-    element, rows_of = element[keep], rows_of[keep]
-    values = basis.values[keep_rows]
-    first, second = basis.first[keep_rows], basis.second[keep_rows]
-    row_offsets = np.concatenate([[0], np.cumsum(rows_of)]).astype(np.int64)
+    values, first, second = basis.values, basis.first, basis.second
+    row_offsets = np.asarray(basis.row_offsets, dtype=np.int64)
     nodes = np.asarray(basis.nodes, dtype=np.int64)
     node_offsets = np.asarray(basis.node_offsets, dtype=np.int64)
     global_nodes = np.concatenate([nodes[node_offsets[e] : node_offsets[e + 1]] for e in element])
@@ -264,7 +271,7 @@ def discretise(
         values=np.ascontiguousarray(values),
         rows=rows,
         reference=reference_points(q, area),
-        weights=basis.weight[keep] * area,
+        weights=basis.weight * area,
         thickness=h,
         membrane=h[:, None, None] * law,
         bending=h[:, None, None] ** 3 / 12.0 * law,

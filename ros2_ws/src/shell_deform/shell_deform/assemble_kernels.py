@@ -42,7 +42,7 @@ def shell_gradient(
     positions: Any,
     gradient: Any,
 ) -> float:
-    """Strain energy [J] of control positions (n, 3); adds its gradient [N] to `gradient` (n, 3)."""
+    """Strain energy [J] at control positions; adds its gradient [N] to `gradient` (n, 3)."""
     q, strain, stress = np.empty((5, 3)), np.empty(6), np.empty(6)
     jac, work, force = np.empty((6, 15)), np.empty((8, 3)), np.empty(15)
     total = 0.0

@@ -17,21 +17,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def _row_nodes(shell: Discretisation) -> NDArray[np.int64]:
-    """Global control point of every basis row."""
-    parts = []
-    for element in range(len(shell.node_offsets) - 1):
-        own = shell.nodes[shell.node_offsets[element] : shell.node_offsets[element + 1]]
-        count = shell.point_offsets[element + 1] - shell.point_offsets[element]
-        parts.append(np.tile(own, count))
-    return np.concatenate(parts)
-
-
 def _matrices(shell: Discretisation, columns: Array) -> list[sp.csr_matrix]:
     """One (p, n) matrix for every column of basis coefficients (r, c)."""
-    nodes = _row_nodes(shell)
     size = (len(shell.weights), len(shell.mesh.vertices))
-    return [sp.csr_matrix((c, nodes, shell.row_offsets), shape=size) for c in columns.T]
+    return [sp.csr_matrix((c, shell.row_nodes, shell.row_offsets), shape=size) for c in columns.T]
 
 
 def derivatives(shell: Discretisation, positions: Array) -> Array:

@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 
 from shell_deform.assemble import Discretisation
 from shell_deform.loads import ContactPatch, contact_patch
-from shell_deform.supports import isostatic_dofs, rigid_modes
+from shell_deform.supports import (
+    SupportRows,
+    free_rigid_modes,
+    isostatic_dofs,
+    rigid_modes,
+)
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.theory import THEORIES
 from shell_deform.theory.gas import Gas
@@ -22,12 +27,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Tangent:
-    """The shell's response at a state, in the dofs that supports leave free.
+    """The shell's response at a state; N = 3 n dofs, control point by control point.
 
     Attributes:
-        energy: strain and gas energy [J]. gradient: (r,) its derivative [N].
-        stiffness: (r, r) sparse part of the second derivative [N/m].
-        gas_row: (r,) derivative of the volume [m^2]. gas_stiffness: [Pa/m^3], 0 without gas.
+        energy: strain, support and gas energy [J]. gradient: (N,) its derivative [N].
+        stiffness: (N, N) sparse part of the second derivative [N/m].
+        gas_row: (N,) derivative of the volume [m^2]. gas_stiffness: [Pa/m^3], 0 without gas.
         gas_pressure: overpressure [Pa].
     """
 
@@ -47,14 +52,14 @@ class ShellModel:
         shell: the discretisation of the undeformed middle surface.
         theory: name in `THEORIES`.
         gas: air inside; only a closed mesh may be sealed.
-        reduction: (3 n, r) map from free dofs to displacements; None when all are free.
+        supports: springs that hold parts of it; None for a free body.
         pressure: follower overpressure inside, kept constant [Pa].
     """
 
     shell: Discretisation
     theory: str = 'koiter'
     gas: Gas = field(default_factory=Gas)
-    reduction: sp.csr_matrix | None = None
+    supports: SupportRows | None = None
     pressure: float = 0.0
 
     def __post_init__(self) -> None:
@@ -82,33 +87,32 @@ class ShellModel:
         """Contact patch of `radius` [m] nearest to `at` (3,) [m], pushed along `axis`."""
         return contact_patch(self.surface, at, radius, axis)
 
-    def expand(self, free: Array) -> Array:
-        """Displacements (n, 3) of free dofs (r,)."""
-        full = free if self.reduction is None else self.reduction @ free
-        return np.asarray(full).reshape(-1, 3)
-
-    def reduce(self, field_: Array) -> Array:
-        """Forces or rows (n, 3) or (n, 3, k) acting on the free dofs: (r,) or (r, k)."""
-        flat = field_.reshape(3 * len(self.rest), *field_.shape[2:])
-        return flat if self.reduction is None else np.asarray(self.reduction.T @ flat)
+    @cached_property
+    def _fixed_values(self) -> Array:
+        """Stiffness values that never change: supports, and a unit for unused control points."""
+        shell = self.shell
+        values = np.zeros(len(shell.pattern.indices))
+        if self.supports is not None:
+            values += self.supports.stiffness_values(shell)
+        unused = np.setdiff1d(np.arange(len(self.rest)), shell.nodes)
+        if len(unused):
+            matrix = shell.pattern.matrix(values)
+            unit = float(shell.membrane[:, 0, 0].max())
+            for dof in (3 * unused[:, None] + np.arange(3)).ravel():
+                values[diagonal_entry(matrix, int(dof))] = unit
+        return values
 
     @cached_property
     def free_modes(self) -> Array:
-        """Orthonormal rigid motions (r, k) of the free dofs."""
+        """Orthonormal rigid motions (N, k) that no support prevents."""
         modes = rigid_modes(self.rest)
-        if self.reduction is None:
+        if self.supports is None:
             return modes
-        weight = np.asarray(self.reduction.multiply(self.reduction).sum(axis=0)).ravel()
-        inside = (self.reduction.T @ modes) / weight[:, None]
-        outside = modes - self.reduction @ inside
-        _, singular, right = np.linalg.svd(outside, full_matrices=True)
-        keep = right[singular < 1e-6].T
-        combined = inside @ keep
-        return np.linalg.qr(combined)[0] if combined.shape[1] else combined
+        return free_rigid_modes(modes, self.supports.dense(len(self.rest)))
 
     @cached_property
     def springs(self) -> NDArray[np.int64]:
-        """Free dofs that, once fixed, leave no rigid motion."""
+        """Dofs that, once fixed, leave no rigid motion."""
         return isostatic_dofs(self.free_modes)
 
     @cached_property
@@ -127,7 +131,7 @@ class ShellModel:
         )
 
     def gradient(self, positions: Array) -> tuple[float, Array]:
-        """Energy [J] and gradient (r,) [N] at control positions, without the stiffness."""
+        """Energy [J] and gradient (N,) [N] at control positions, without the stiffness."""
         if THEORIES[self.theory].is_linear:
             return self._linear_gradient(positions)
         energy, gradient = self.shell.gradient(self.theory, positions)
@@ -135,7 +139,11 @@ class ShellModel:
             volume, row = self.shell.volume(positions)
             energy += self._gas_energy(volume)
             gradient -= self.overpressure(volume) * row
-        return energy, self.reduce(gradient)
+        if self.supports is not None:
+            moved = positions - self.rest
+            energy += self.supports.energy(moved)
+            gradient += self.supports.force(moved)
+        return energy, gradient.reshape(-1)
 
     def overpressure(self, volume: float) -> float:
         """Pressure inside minus outside [Pa] at an enclosed volume [m^3]."""
@@ -153,9 +161,6 @@ class ShellModel:
     def _linear_gradient(self, positions: Array) -> tuple[float, Array]:
         rest = self.rest_tangent
         moved = (positions - self.rest).reshape(-1)
-        if self.reduction is not None:
-            weight = np.asarray(self.reduction.multiply(self.reduction).sum(axis=0)).ravel()
-            moved = (self.reduction.T @ moved) / weight
         force = rest.stiffness @ moved + rest.gas_stiffness * rest.gas_row * (rest.gas_row @ moved)
         energy = float(0.5 * moved @ force + rest.gradient @ moved)
         return energy, rest.gradient + force
@@ -174,21 +179,27 @@ class ShellModel:
             if self.gas.is_sealed:
                 ratio = volume / self.rest_volume
                 stiffness = -self.gas.pressure_slope(ratio) / self.rest_volume
+        if self.supports is not None:
+            moved = positions - self.rest
+            energy += self.supports.energy(moved)
+            gradient += self.supports.force(moved)
+        data += self._fixed_values
         matrix = self.shell.pattern.matrix(data)
-        if self.reduction is not None:
-            matrix = (self.reduction.T @ matrix @ self.reduction).tocsr()
-            matrix.sort_indices()
-        return Tangent(
-            energy, self.reduce(gradient), matrix, self.reduce(row), stiffness, pressure
-        )
+        return Tangent(energy, gradient.reshape(-1), matrix, row.reshape(-1), stiffness, pressure)
 
     def with_theory(self, theory: str, **changes: Any) -> ShellModel:
         """The same shell under another theory."""
         values = {
             'shell': self.shell,
             'gas': self.gas,
-            'reduction': self.reduction,
+            'supports': self.supports,
             'pressure': self.pressure,
             **changes,
         }
         return ShellModel(theory=theory, **values)
+
+
+def diagonal_entry(matrix: sp.csr_matrix, dof: int) -> int:
+    """Where the diagonal value of `dof` stands in the values of a CSR matrix."""
+    start, end = matrix.indptr[dof], matrix.indptr[dof + 1]
+    return int(start + np.searchsorted(matrix.indices[start:end], dof))

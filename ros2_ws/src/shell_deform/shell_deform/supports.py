@@ -1,12 +1,173 @@
-"""What holds a shell: dofs that are eliminated, and rigid motions that nothing else prevents."""
+"""What holds a shell: stiff springs at boundary points, and rigid motions that nothing prevents.
+
+A support acts on the limit position and on the slope across the edge at the vertices of an edge,
+by springs far stiffer than the wall: sparse, inside the pattern of the shell, exact to the ratio
+of the stiffnesses, and valid at any deformation since each condition is linear in the
+displacement. Conditions are collocated at the vertices: the spline along a whole edge has no more
+freedom than one value and one slope per vertex.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from shell_deform.assemble import Discretisation
+from shell_deform.surface.loop_basis import basis_rows
+
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+# Spring stiffness over wall stiffness: large against the wall, small against 1 / round-off.
+STIFFNESS_RATIO = 1e6
+
+
+class SupportError(ValueError):
+    """A support that this surface cannot have."""
+
+
+@dataclass(frozen=True)
+class SupportRows:
+    """Linear conditions on the displacement: each row is kept near zero by its spring.
+
+    Attributes:
+        offsets: (k + 1,) rows k use entries offsets[k]:offsets[k + 1].
+        nodes: control points of the entries. coefficients: (e, 3) what multiplies their motion.
+        stiffness: (k,) spring constants [N/m] (rows are scaled to metres).
+    """
+
+    offsets: Index
+    nodes: Index
+    coefficients: Array
+    stiffness: Array
+
+    def dense(self, size: int) -> Array:
+        """The rows as columns of a dense (3 size, k) matrix."""
+        rows = np.zeros((size, 3, len(self.stiffness)))
+        row = np.repeat(np.arange(len(self.stiffness)), np.diff(self.offsets))
+        np.add.at(rows, (self.nodes, slice(None), row), self.coefficients)
+        return rows.reshape(3 * size, -1)
+
+    def stretch(self, displacement: Array) -> Array:
+        """(k,) what each condition lacks [m] for control displacements (n, 3)."""
+        row = np.repeat(np.arange(len(self.stiffness)), np.diff(self.offsets))
+        products = np.einsum('ei,ei->e', self.coefficients, displacement[self.nodes])
+        return np.bincount(row, products, minlength=len(self.stiffness))
+
+    def force(self, displacement: Array) -> Array:
+        """(n, 3) gradient of the spring energy [N] at control displacements (n, 3)."""
+        pull = self.stiffness * self.stretch(displacement)
+        row = np.repeat(np.arange(len(self.stiffness)), np.diff(self.offsets))
+        result = np.zeros_like(displacement)
+        np.add.at(result, self.nodes, pull[row, None] * self.coefficients)
+        return result
+
+    def energy(self, displacement: Array) -> float:
+        """Spring energy [J]."""
+        return float(0.5 * self.stiffness @ self.stretch(displacement) ** 2)
+
+    def stiffness_values(self, shell: Discretisation) -> Array:
+        """Their stiffness as values of the shell's sparsity pattern."""
+        pattern = shell.pattern
+        values = np.zeros(len(pattern.indices))
+        for k, spring in enumerate(self.stiffness):
+            entries = slice(self.offsets[k], self.offsets[k + 1])
+            dofs = (3 * self.nodes[entries, None] + np.arange(3)).ravel()
+            row = self.coefficients[entries].ravel()
+            used = row != 0.0
+            dofs, row = dofs[used], row[used]
+            for dof, left in zip(dofs, row, strict=True):
+                start, end = pattern.indptr[dof], pattern.indptr[dof + 1]
+                at = start + np.searchsorted(pattern.indices[start:end], dofs)
+                values[at] += spring * left * row
+        return values
+
+
+def joined(parts: list[SupportRows]) -> SupportRows | None:
+    """All conditions together; None when there are none."""
+    if not parts:
+        return None
+    counts = np.concatenate([np.diff(part.offsets) for part in parts])
+    return SupportRows(
+        np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        np.concatenate([part.nodes for part in parts]),
+        np.concatenate([part.coefficients for part in parts]),
+        np.concatenate([part.stiffness for part in parts]),
+    )
+
+
+def hold_position(shell: Discretisation, vertices: Index, directions: Array) -> SupportRows:
+    """Keep the limit positions of `vertices` in place along `directions` (d, 3)."""
+    return _springs(shell, vertices, directions, None)
+
+
+def hold_slope(
+    shell: Discretisation, vertices: Index, across: Array, directions: Array
+) -> SupportRows:
+    """Keep the change of position across an edge at its vertices, along `directions` (d, 3).
+
+    `across` (v, 3) is the direction in the surface across the edge at each vertex: with
+    all three directions the edge is clamped, with those in a plane of symmetry it is symmetric.
+    """
+    return _springs(shell, vertices, directions, across)
+
+
+def _springs(
+    shell: Discretisation, vertices: Index, directions: Array, across: Array | None
+) -> SupportRows:
+    mesh = shell.mesh
+    triangle, parameters = vertex_parameters(mesh.triangles, mesh.active, vertices)
+    rows = basis_rows(mesh, triangle, parameters)
+    edge_length = np.sqrt(shell.area / max(1, int(mesh.active.sum())))
+    wall = float(shell.membrane[:, 0, 0].max())
+    counts = np.diff(rows.node_offsets)
+    of = np.repeat(np.arange(len(vertices)), counts)
+    weights = rows.values
+    if across is not None:
+        first = np.stack(
+            [
+                np.add.reduceat(
+                    rows.first[:, i, None] * mesh.vertices[rows.nodes],
+                    rows.node_offsets[:-1],
+                    axis=0,
+                )
+                for i in range(2)
+            ],
+            axis=2,
+        )
+        # components of the direction `across` in the parameter basis, by least squares
+        inverse = np.linalg.pinv(first)
+        c = np.einsum('vai,vi->va', inverse, across)
+        weights = edge_length * np.einsum('ea,ea->e', rows.first, c[of])
+    count = len(directions)
+    order = np.argsort(
+        np.tile(of, count) * count + np.repeat(np.arange(count), len(of)), kind='stable'
+    )
+    coefficients = (weights[None, :, None] * directions[:, None, :]).reshape(-1, 3)[order]
+    return SupportRows(
+        offsets=np.concatenate([[0], np.cumsum(np.repeat(counts, count))]).astype(np.int64),
+        nodes=np.tile(rows.nodes.astype(np.int64), count)[order],
+        coefficients=coefficients,
+        stiffness=np.full(len(vertices) * count, STIFFNESS_RATIO * wall),
+    )
+
+
+def vertex_parameters(
+    triangles: NDArray[np.int32], active: NDArray[np.bool_], vertices: Index
+) -> tuple[Index, Array]:
+    """An active triangle (v,) with each vertex, and the vertex's parameters (v, 2) in it."""
+    corner_of = np.full((int(triangles.max()) + 1, 2), -1, dtype=np.int64)
+    for corner in (2, 1, 0):
+        used = np.flatnonzero(active)
+        corner_of[triangles[used, corner], 0] = used
+        corner_of[triangles[used, corner], 1] = corner
+    found = corner_of[vertices]
+    if np.any(found[:, 0] < 0):
+        lost = int(np.asarray(vertices)[found[:, 0] < 0][0])
+        raise SupportError(f'vertex {lost} lies on no triangle of the surface; support another')
+    return found[:, 0], np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])[found[:, 1]]
 
 
 def rigid_modes(positions: Array) -> Array:
@@ -23,7 +184,7 @@ def rigid_modes(positions: Array) -> Array:
 
 def free_rigid_modes(modes: Array, rows: Array, tolerance: float = 1e-6) -> Array:
     """Rigid motions (N, k) that the constraint `rows` (N, c) do not prevent."""
-    if rows.shape[1] == 0:
+    if rows.shape[1] == 0 or modes.shape[1] == 0:
         return modes
     scaled = rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
     _, singular, right = np.linalg.svd(scaled.T @ modes)
@@ -31,7 +192,7 @@ def free_rigid_modes(modes: Array, rows: Array, tolerance: float = 1e-6) -> Arra
     return modes @ right[rank:].T
 
 
-def isostatic_dofs(modes: Array) -> NDArray[np.int64]:
+def isostatic_dofs(modes: Array) -> Index:
     """As many dofs as rigid modes (N, k) whose fixing prevents exactly those motions.
 
     Pivoted elimination: each time the dof in which the remaining modes move most.
@@ -45,10 +206,3 @@ def isostatic_dofs(modes: Array) -> NDArray[np.int64]:
         direction = work[dof] / np.sqrt(size[dof])
         work = work - np.outer(work @ direction, direction)
     return np.array(chosen, dtype=np.int64)
-
-
-def fixed_components(size: int, fixed: NDArray[np.bool_]) -> sp.csr_matrix:
-    """Selection (3 n, r) of the dofs that stay; `fixed` (n, 3) marks those held at zero."""
-    keep = np.flatnonzero(~np.asarray(fixed, bool).reshape(3 * size))
-    columns = np.arange(len(keep))
-    return sp.csr_matrix((np.ones(len(keep)), (keep, columns)), shape=(3 * size, len(keep)))

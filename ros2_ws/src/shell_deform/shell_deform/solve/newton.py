@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from shell_deform.model import ShellModel, Tangent
+from shell_deform.model import ShellModel, Tangent, diagonal_entry
 from shell_deform.solve.bordered import BorderedSystem
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase
 from shell_deform.solve.factor import Factor, SymbolicFactor, analyse, factorise
@@ -70,10 +70,10 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
     held = []
     dead = np.zeros(size) if case.dead_load is None else case.dead_load.copy()
     for i, contact in enumerate(contacts):
-        push[:, i] = model.reduce(contact.force_pattern(contact.axis))
-        measure[:, i] = model.reduce(contact.displacement_row())
+        push[:, i] = contact.force_pattern(contact.axis).reshape(-1)
+        measure[:, i] = contact.displacement_row().reshape(-1)
         if case.held:
-            held.extend(model.reduce(row) for row in contact.held_rows())
+            held.extend(row.reshape(-1) for row in contact.held_rows())
         if case.lateral is not None:
             dead += contact.force_pattern(case.lateral[i])
     rows = np.stack(held, axis=1) if held else np.zeros((free, 0))
@@ -85,7 +85,7 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
         push=push,
         measure=measure,
         held=np.concatenate([rows, left], axis=1),
-        dead=model.reduce(dead),
+        dead=dead.reshape(-1),
         driven=case.driven,
     )
 
@@ -143,7 +143,7 @@ class EquilibriumSolver:
             force = first_force + trial * (target_force - first_force)
             moved = first_moved + trial * (target_moved - first_moved)
             guess = self._predicted(here, trial, fraction) if step < 1.0 or start.history else None
-            found = self._newton(edge, force, moved, trial * edge.dead, here, guess)
+            found = self.step(edge, force, moved, trial * edge.dead, here, guess)
             iterations += found.iterations
             factorisations += found.factorisations
             if found.converged:
@@ -185,25 +185,26 @@ class EquilibriumSolver:
         Every contact counts as forced here; the second result is the motion of each contact's
         centre along its axis under each push.
         """
-        forced_case = replace(
-            case,
-            force=np.zeros(len(case.contacts)),
-            displacement=np.full(len(case.contacts), np.nan),
+        edge = borders(
+            self.model,
+            replace(
+                case,
+                force=np.zeros(len(case.contacts)),
+                displacement=np.full(len(case.contacts), np.nan),
+            ),
         )
-        edge = borders(self.model, forced_case)
-        tangent = self.model.tangent(state.positions)
-        system, _ = self._system(tangent, edge)
-        extra = system.schur.shape[0]
-        columns, _ = system.solve(edge.push, np.zeros((extra, edge.push.shape[1])))
-        full = np.stack([self.model.expand(c) for c in columns.T], axis=2)
-        return full, edge.measure.T @ columns
+        columns = self.respond(state, edge, edge.push)
+        return columns.reshape(-1, 3, columns.shape[1]), edge.measure.T @ columns
+
+    def respond(self, state: Equilibrium, edge: Borders, loads: Array) -> Array:
+        """Displacements (N, k) per unit of the loads (N, k), by the tangent at `state`."""
+        system, _ = self._system(self.model.tangent(state.positions), edge)
+        return system.solve(loads, np.zeros((system.schur.shape[0], loads.shape[1])))[0]
 
     def factor(self, matrix: sp.csr_matrix) -> Factor:
         """Factorise a stiffness (springs added), reusing the symbolic analysis."""
         if self._symbolic is None:
-            reduced = self.model.reduction is not None
-            coordinates = None if reduced else self.model.rest
-            self._symbolic = analyse(matrix, coordinates, block=1 if reduced else 3)
+            self._symbolic = analyse(matrix, self.model.rest, block=3)
         return factorise(self._symbolic, matrix)
 
     def _solve_linear(self, case: LoadCase) -> Equilibrium:
@@ -212,12 +213,12 @@ class EquilibriumSolver:
         here = self._on_contacts(zero, case, edge)
         force = np.where(case.driven, 0.0, case.force)
         moved = np.where(case.driven, case.displacement, 0.0)
-        found = self._newton(edge, force, moved, edge.dead, here, None, linear=True)
+        found = self.step(edge, force, moved, edge.dead, here, None, linear=True)
         return replace(found, unbalance=self._unbalance(edge, found))
 
     def _on_contacts(self, start: Equilibrium, case: LoadCase, edge: Borders) -> Equilibrium:
         """The start state seen with the contacts of `case`."""
-        moved = edge.measure.T @ self._free_displacement(start.positions)
+        moved = edge.measure.T @ (start.positions - self.model.rest).reshape(-1)
         same = len(start.force) == len(case.contacts)
         return replace(
             start,
@@ -225,14 +226,6 @@ class EquilibriumSolver:
             force=start.force if same else np.zeros(len(case.contacts)),
             multipliers=np.zeros(edge.held.shape[1]),
         )
-
-    def _free_displacement(self, positions: Array) -> Array:
-        field = (positions - self.model.rest).reshape(-1)
-        reduction = self.model.reduction
-        if reduction is None:
-            return field
-        weight = np.asarray(reduction.multiply(reduction).sum(axis=0)).ravel()
-        return np.asarray((reduction.T @ field) / weight)
 
     @staticmethod
     def _predicted(here: Equilibrium, trial: float, fraction: float) -> Array | None:
@@ -252,7 +245,7 @@ class EquilibriumSolver:
         diagonal = matrix.diagonal()
         stiff = float(np.median(diagonal[diagonal > 0])) if len(springs) else 1.0
         for dof in springs:
-            matrix.data[_diagonal_entry(matrix, int(dof))] += stiff
+            matrix.data[diagonal_entry(matrix, int(dof))] += stiff
         factor = self.factor(matrix)
         size = matrix.shape[0]
         columns = [-edge.unknown_pushes, edge.held]
@@ -278,7 +271,7 @@ class EquilibriumSolver:
         )
         return system, factor
 
-    def _newton(
+    def step(
         self,
         edge: Borders,
         force: Array,
@@ -288,11 +281,15 @@ class EquilibriumSolver:
         guess: Array | None,
         linear: bool = False,
     ) -> Equilibrium:
-        """One load step; `force` and `moved` are read where they are prescribed."""
+        """One load step without halving.
+
+        `edge.driven` contacts are moved to `moved`, the others pushed by `force`; `dead` (N,) is
+        the other load. `guess` are control points (n, 3) to start from instead of those of `here`.
+        """
         model, options = self.model, self.options
         fixed_push = edge.push[:, ~edge.driven] @ force[~edge.driven] + dead
         positions = here.positions if guess is None else guess
-        free = self._free_displacement(positions)
+        free = (positions - model.rest).reshape(-1)
         unknown, held = int(edge.driven.sum()), edge.held.shape[1]
         state = here
         system: BorderedSystem | None = None
@@ -325,7 +322,7 @@ class EquilibriumSolver:
                 message = f'an iteration moved the surface by {1e3 * largest:.1f} mm'
                 break
             free = free + step
-            positions = model.rest + model.expand(free)
+            positions = model.rest + free.reshape(-1, 3)
             energy, gradient = model.gradient(positions)
             pushes = force.copy()
             pushes[edge.driven] = border[:unknown]
@@ -380,14 +377,12 @@ class EquilibriumSolver:
             return 0.0
         if linear:
             rest = model.rest_tangent
-            change = float(rest.gas_row @ self._free_displacement(positions))
+            change = float(rest.gas_row @ (positions - model.rest).reshape(-1))
             return rest.gas_pressure - rest.gas_stiffness * change
         return model.overpressure(model.shell.volume(positions)[0])
 
     def _unbalance(self, edge: Borders, state: Equilibrium) -> Array:
         """Resultant and moment of the applied loads about the origin."""
-        if self.model.reduction is not None:
-            return np.zeros(6)
         carried = (edge.push @ state.force + edge.dead).reshape(-1, 3)
         moment = np.cross(state.positions, carried).sum(axis=0)
         return np.concatenate([carried.sum(axis=0), moment])
@@ -405,8 +400,3 @@ class EquilibriumSolver:
         negative = factor.inertia.negative + int(np.sum(np.linalg.eigvalsh(system.schur) < 0))
         constraints = int(edge.driven.sum()) + edge.held.shape[1]
         return negative - constraints - (1 if tangent.gas_stiffness else 0)
-
-
-def _diagonal_entry(matrix: sp.csr_matrix, dof: int) -> int:
-    start, end = matrix.indptr[dof], matrix.indptr[dof + 1]
-    return int(start + np.searchsorted(matrix.indices[start:end], dof))

@@ -85,7 +85,7 @@ def point_strains(
                 jac[3 + row, i] = factor * cross_2[i]
                 jac[3 + row, 3 + i] = factor * cross_1[i]
                 jac[3 + row, 6 + 3 * (vector - 2) + i] = factor * m[i]
-    if theory == LINEAR or theory == PAPER:
+    if theory in (LINEAR, PAPER):
         _set_frame_curvature(tangents, curvature, k)
         for i in range(3):
             jac[3, i] -= k[0, i]
@@ -152,7 +152,7 @@ def add_point_hessian(
     """Add sum_k stress_k d2(strain_k)/dq2 to h (15, 15); call after `point_strains`."""
     if theory == LINEAR:
         return
-    a_1, a_2, m, normal = q[0], q[1], work[0], work[1]
+    a_1, a_2, normal = q[0], q[1], work[1]
     for i in range(3):
         h[i, i] += stress[0]
         h[3 + i, 3 + i] += stress[1]

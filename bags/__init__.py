@@ -1,0 +1,1 @@
+"""Recorded experiments and what makes them: solid truth, scanner, recording."""

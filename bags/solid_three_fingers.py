@@ -1,0 +1,102 @@
+"""The ball under three pins 120 degrees apart on its equator: a twelfth of it as a solid.
+
+The sector lies between the mirror planes y = 0 (through the first contact, on +x), 60 degrees
+from it, and z = 0. Lengths in mm, forces in N, pressures in MPa.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bags import calculix, hexahedra, solid_shell
+from bags.axisymmetric import Ball
+from bags.calculix import Array
+from bags.hexahedra import Patch
+from bags.solid_shell import Contact, Model
+
+ANGLE = np.pi / 3
+
+
+def sector_patches(radius: float, finest: float, growth: float, rest: int) -> list[Patch]:
+    """Three quadrilateral patches on the sector, refined towards the contact."""
+    contact = np.array([1.0, 0.0, 0.0])
+    side = np.array([np.cos(ANGLE), np.sin(ANGLE), 0.0])
+    pole = np.array([0.0, 0.0, 1.0])
+    middle = _unit(contact + side + pole)
+    contact_side, side_pole, contact_pole = (
+        _unit(contact + side),
+        _unit(side + pole),
+        _unit(contact + pole),
+    )
+    largest = 3.5
+    along_side = _fractions(radius * ANGLE / 2, finest, largest, growth)
+    along_pole = _fractions(radius * np.pi / 4, finest, largest, growth)
+    even = hexahedra.with_midpoints(np.linspace(0.0, 1.0, rest + 1))
+    return [
+        _patch(radius, (contact, contact_side, middle, contact_pole), along_side, along_pole),
+        _patch(radius, (contact_side, side, side_pole, middle), even, along_pole),
+        _patch(radius, (contact_pole, middle, side_pole, pole), along_side, even),
+    ]
+
+
+def _fractions(length: float, finest: float, largest: float, growth: float) -> Array:
+    return hexahedra.with_midpoints(hexahedra.graded(length, finest, largest, growth)) / length
+
+
+def _unit(vector: Array) -> Array:
+    return vector / np.linalg.norm(vector)
+
+
+def _patch(radius: float, corners: tuple[Array, ...], first: Array, second: Array) -> Patch:
+    a, b = first[:, None, None], second[None, :, None]
+    flat = (
+        (1 - a) * (1 - b) * corners[0]
+        + a * (1 - b) * corners[1]
+        + a * b * corners[2]
+        + (1 - a) * b * corners[3]
+    )
+    normals = flat / np.linalg.norm(flat, axis=2, keepdims=True)
+    return Patch(radius * normals, normals)
+
+
+def model(ball: Ball, finest: float = 0.3, growth: float = 1.16, layers: int = 2) -> Model:
+    """The sector with its three mirror planes, pin on the outer face, rubber of `ball`."""
+    radius = ball.outer_radius - ball.thickness / 2
+    solid = hexahedra.build(sector_patches(radius, finest, growth, 6), ball.thickness, layers)
+    slanted = np.array([-np.sin(ANGLE), np.cos(ANGLE), 0.0])
+    on_axis = np.flatnonzero(np.hypot(*solid.positions[:, :2].T) < 1e-5) + 1
+    fixed = [(node, 2) for node in solid_shell.symmetric(solid, [0.0, 1.0, 0.0])]
+    fixed += [(node, 3) for node in solid_shell.symmetric(solid, [0.0, 0.0, 1.0])]
+    fixed += [(int(node), axis) for node in on_axis for axis in (1, 2)]
+    mirrored = set(solid_shell.symmetric(solid, slanted)) - set(on_axis.tolist())
+    equations = tuple(((node, 2, slanted[1]), (node, 1, slanted[0])) for node in sorted(mirrored))
+    return Model(
+        'tennis ball under three pins 120 degrees apart on the equator',
+        solid,
+        calculix.neo_hooke(ball.young_modulus, ball.poisson_ratio),
+        (
+            Contact(
+                (ball.outer_radius, 0.0, 0.0), (-1.0, 0.0, 0.0), ball.pin_radius, 'rigid', 0.25
+            ),
+        ),
+        tuple(fixed),
+        equations,
+        sectors=12,
+        gas_centre=(0.0, 0.0, 0.0),
+        meta={
+            'material': 'neo-Hooke',
+            'young_modulus_pa': round(ball.young_modulus * 1e6, 1),
+            'poisson_ratio': ball.poisson_ratio,
+            'gas': 'ambient air 101325 Pa sealed in, isothermal, V0 inside the inner face',
+            'symmetry': 'twelfth: mirror planes y = 0, 60 degrees about z from it, z = 0; '
+            'three contacts 120 degrees apart about z',
+        },
+    )
+
+
+def three_finger_ball(ball: Ball) -> None:
+    """The three-finger ball of the recordings, up to 18 N a finger."""
+    forces = np.array([1.0, 2.5, 4.0, 5.5, 7.0, 8.5, 10.0, 11.5, 13.0, 14.5, 16.0, 18.0])
+    # Half again what two fingers press out of the ball, from its axisymmetric solution.
+    guess = 1.5 * 8.0e-6 * forces**2
+    solid_shell.keep(solid_shell.solve_sealed(model(ball), forces, guess), 'ball_three_finger')

@@ -70,6 +70,14 @@ def displaced(contacts: tuple[ContactPatch, ...], displacement: Array | list[flo
 
 
 @dataclass(frozen=True)
+class PathState:
+    """A passed state: what was prescribed (k,) [m] or [N], and the control points (n, 3) [m]."""
+
+    control: Array
+    positions: Array
+
+
+@dataclass(frozen=True)
 class Equilibrium:
     """An equilibrium, or, where `converged` is false, the last good state on the way to it.
 
@@ -86,6 +94,7 @@ class Equilibrium:
         iterations: linear solves. factorisations: stiffness factorisations.
         load_fraction: share of the load case that is carried, 1 when converged.
         negative_modes: directions of negative stiffness under these controls, None if not asked.
+        history: up to three states that led here, this one last.
     """
 
     converged: bool
@@ -102,7 +111,7 @@ class Equilibrium:
     factorisations: int
     load_fraction: float = 1.0
     negative_modes: int | None = None
-    history: tuple[Array, ...] = field(default=(), repr=False)
+    history: tuple[PathState, ...] = field(default=(), repr=False)
 
     @property
     def stable(self) -> bool | None:

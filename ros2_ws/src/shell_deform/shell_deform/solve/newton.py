@@ -15,12 +15,15 @@ from numpy.typing import NDArray
 
 from shell_deform.model import ShellModel, Tangent, diagonal_entry
 from shell_deform.solve.bordered import BorderedSystem
-from shell_deform.solve.equilibrium import Equilibrium, LoadCase
+from shell_deform.solve.equilibrium import Equilibrium, LoadCase, PathState
 from shell_deform.solve.factor import Factor, SymbolicFactor, analyse, factorise
 from shell_deform.supports import free_rigid_modes
 from shell_deform.theory import THEORIES
 
 Array = NDArray[np.float64]
+
+# A step longer than this many of the last one is not extrapolated.
+LONGEST_PREDICTION = 2.0
 
 
 @dataclass(frozen=True)
@@ -142,13 +145,14 @@ class EquilibriumSolver:
             trial = min(1.0, fraction + step)
             force = first_force + trial * (target_force - first_force)
             moved = first_moved + trial * (target_moved - first_moved)
-            guess = self._predicted(here, trial, fraction) if step < 1.0 or start.history else None
+            control = np.where(case.driven, moved, force)
+            guess = _predicted(here, control)
             found = self.step(edge, force, moved, trial * edge.dead, here, guess)
             iterations += found.iterations
             factorisations += found.factorisations
             if found.converged:
-                history = (*here.history, here.positions)[-2:]
-                here = replace(found, history=history)
+                passed = PathState(control, found.positions)
+                here = replace(found, history=(*here.history, passed)[-3:])
                 fraction = trial
                 step *= 1.6
                 continue
@@ -226,17 +230,6 @@ class EquilibriumSolver:
             force=start.force if same else np.zeros(len(case.contacts)),
             multipliers=np.zeros(edge.held.shape[1]),
         )
-
-    @staticmethod
-    def _predicted(here: Equilibrium, trial: float, fraction: float) -> Array | None:
-        """Continue the path through the last states; assumes about equal steps."""
-        if not here.history:
-            return None
-        last = here.positions - here.history[-1]
-        if len(here.history) < 2:
-            return here.positions + last
-        before = here.history[-1] - here.history[-2]
-        return here.positions + 2.0 * last - before
 
     def _system(self, tangent: Tangent, edge: Borders) -> tuple[BorderedSystem, Factor]:
         """Bordered system: unknown pushes, held rows, springs taken back, gas."""
@@ -400,3 +393,28 @@ class EquilibriumSolver:
         negative = factor.inertia.negative + int(np.sum(np.linalg.eigvalsh(system.schur) < 0))
         constraints = int(edge.driven.sum()) + edge.held.shape[1]
         return negative - constraints - (1 if tangent.gas_stiffness else 0)
+
+
+def _predicted(here: Equilibrium, control: Array) -> Array | None:
+    """Control points expected at `control` (k,), by the parabola through the last states.
+
+    None where the path behind says nothing: too short, or a step back or aside.
+    """
+    path = here.history
+    if len(path) < 2 or len(path[-1].control) != len(control):
+        return None
+    last = path[-1].control - path[-2].control
+    length = float(last @ last)
+    ahead = float((control - path[-1].control) @ last) / length if length > 0 else 0.0
+    if not 0.0 < ahead <= LONGEST_PREDICTION:
+        return None
+    now, then = path[-1].positions, path[-2].positions
+    if len(path) < 3 or len(path[-3].control) != len(control):
+        return now + ahead * (now - then)
+    gap = float((path[-2].control - path[-3].control) @ last) / length
+    if gap <= 0.0:
+        return now + ahead * (now - then)
+    first = (ahead + 1.0) * (ahead + 1.0 + gap) / (1.0 + gap)
+    second = -ahead * (ahead + 1.0 + gap) / gap
+    third = ahead * (ahead + 1.0) / (gap * (1.0 + gap))
+    return first * now + second * then + third * path[-3].positions

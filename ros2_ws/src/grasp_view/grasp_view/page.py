@@ -1,0 +1,238 @@
+"""The browser page: 3-D scene, controls, plots. It knows nothing of ROS.
+
+The node calls `update` with what it knows; buttons call back with a command's name from the
+server's own threads, so the node puts them in a queue.
+"""
+
+from __future__ import annotations
+
+import html
+import io
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import viser
+from PIL import Image
+
+from .colour_map import legend_html
+from .plot_panel import PlotPanel
+from .scene_model import DISPLACEMENT, QUANTITIES, SHAPES, Snapshot
+from .scene_view import SCAN_CHOICES, Legend, SceneView, ViewOptions
+from .time_series import History, TimeSeries
+
+Command = Callable[[str], None]
+BUTTONS = {
+    'tare': ('Tare gauges', 'Zero the strain gauges; the hand must be open and still'),
+    'compare': ('Compare scan', 'Compare the newest scan with the surface of its time'),
+    'pause': ('Pause replay', 'Stop the recording; press Resume to go on'),
+    'resume': ('Resume replay', 'Let the recording run on'),
+    'step': ('Step replay', 'One message further in a paused recording'),
+}
+STATE_COLOURS = {
+    'NO_HAND': '#666666',
+    'FREE': '#2a5f8f',
+    'CONTACT': '#1f6b3a',
+    'SATURATED': '#9a5b00',
+    'STALE': '#a32020',
+    'FAULT': '#a32020',
+}
+PLOT_PERIOD_S = 0.5
+TEXT_PERIOD_S = 0.25
+
+
+class PageError(RuntimeError):
+    """The page cannot be served; the text says on which address and what to do."""
+
+
+def state_html(state: str, lines: Mapping[str, str]) -> str:
+    """The banner: the state in words on its colour, and numbers beside it."""
+    colour = STATE_COLOURS.get(state, '#666666')
+    name = html.escape(state or 'waiting for deformation/state')
+    cells = ''.join(
+        f'<span style="white-space:nowrap">{html.escape(key)} <b>{html.escape(value)}</b></span>'
+        for key, value in lines.items()
+    )
+    return (
+        f'<div class="grasp-state" style="background:{colour};color:#fff;padding:0.3em 1em;'
+        f'font-weight:600">{name}</div><div class="grasp-numbers" style="display:flex;'
+        'flex-wrap:wrap;gap:0.1em 1em;padding:0.3em 1em;font-size:0.85em;'
+        f'font-variant-numeric:tabular-nums">{cells}</div>'
+    )
+
+
+def numbers_of(snapshot: Snapshot, legend: Legend) -> dict[str, str]:
+    """The banner's numbers with their units, only those that are known."""
+    n = snapshot.numbers
+    shown = {
+        'displacement': (n.get('max_displacement'), 1e3, 'mm'),
+        'linear theory off by': (n.get('linearity'), 1e2, '%'),
+        'strain energy': (n.get('strain_energy'), 1e3, 'mJ'),
+        'nonlinear age': (n.get('nonlinear_age'), 1e3, 'ms'),
+        'scan mean error': (n.get('mean_error'), 1e3, 'mm'),
+        'noise floor': (n.get('noise_floor'), 1e3, 'mm'),
+    }
+    lines = {
+        key: f'{value * factor:.3g} {unit}'
+        for key, (value, factor, unit) in shown.items()
+        if value is not None and np.isfinite(value)
+    }
+    if legend.quantity is not DISPLACEMENT:
+        lines[f'largest {legend.quantity.name}'] = f'{legend.largest:.3g} {legend.quantity.unit}'
+    return lines
+
+
+class Page:
+    """One served page with everything on it."""
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        command: Command,
+        series: TimeSeries,
+        history: History[Snapshot],
+    ) -> None:
+        """Serve on http://host:port; raises PageError where that cannot be done."""
+        try:
+            self.server = viser.ViserServer(host=host, port=port, verbose=False)
+        except OSError as error:
+            raise PageError(f'cannot serve on {host}:{port}: {error}') from error
+        if self.server.get_port() != port and port != 0:
+            taken = self.server.get_port()
+            self.server.stop()
+            raise PageError(
+                f'port {port} on {host} is taken (the next free one would be {taken}); '
+                'choose another by the parameter port'
+            )
+        self._series, self._history = series, history
+        self.scene = SceneView(self.server)
+        self._command = command
+        self._legend_text = self._state_text = ''
+        self._next_plot = self._next_text = 0.0
+        self._build()
+        self.plots = PlotPanel(self.server, series)
+
+        @self.server.on_client_connect
+        def _(_: viser.ClientHandle) -> None:
+            self._next_plot = 0.0
+
+    def _build(self) -> None:
+        gui = self.server.gui
+        gui.configure_theme(
+            control_layout='floating',
+            control_width='medium',
+            show_logo=False,
+            show_share_button=False,
+            brand_color=(0, 69, 124),
+        )
+        gui.set_panel_label('Grasp')
+        gui.main_panel.dock_right()
+        self._state = gui.add_html(state_html('', {}))
+        self._legend = gui.add_html('')
+        self._quantity = gui.add_dropdown(
+            'Colour',
+            tuple(QUANTITIES),
+            initial_value=DISPLACEMENT.name,
+            hint="The quantity on the surface, unlit: its colours are the legend's",
+        )
+        self._shape = gui.add_dropdown('Answer', SHAPES, initial_value='served')
+        self._exaggeration = gui.add_slider('Exaggerate', 1.0, 10.0, 0.5, 1.0)
+        with gui.add_folder('Show', expand_by_default=False):
+            self._rest = gui.add_checkbox('Rest shape', True)
+            self._depth = gui.add_checkbox('Lines of equal displacement', True)
+            self._lines = gui.add_checkbox('Mesh lines', False)
+            self._contacts = gui.add_checkbox('Forces', True)
+            self._scan = gui.add_dropdown('Scan', SCAN_CHOICES)
+            self._hand = gui.add_checkbox('Hand', True)
+            self._cones = gui.add_checkbox('Friction cones', False)
+            self._friction = gui.add_slider('Friction coefficient', 0.05, 1.5, 0.05, 0.5)
+        with gui.add_folder('Time'):
+            self._live = gui.add_checkbox('Live', True, hint='Off: look back with the slider')
+            self._back = gui.add_slider(
+                'Seconds', -1.0, 0.0, 0.01, 0.0, disabled=True, hint='0: where Live was left'
+            )
+            self._left_at = 0.0
+        with gui.add_folder('Actions'):
+            for name, (label, hint) in BUTTONS.items():
+                gui.add_button(label, hint=hint).on_click(self._caller(name))
+            gui.add_button('Screenshot', hint='Save the 3-D picture as PNG').on_click(
+                self._screenshot
+            )
+            self._answer = gui.add_html('')
+        self._live.on_update(lambda _: self._look_back())
+
+    def _caller(self, name: str) -> Callable[[object], None]:
+        return lambda _: self._command(name)
+
+    def _look_back(self) -> None:
+        self._back.disabled = self._live.value
+        first, self._left_at = self._history.ends
+        self._back.min = min(round(first - self._left_at, 2), -0.01)
+
+    def _screenshot(self, event: viser.GuiEvent) -> None:
+        client = event.client
+        if client is None:
+            return
+        picture = client.get_render(900, 1200, transport_format='png')
+        stream = io.BytesIO()
+        Image.fromarray(picture).save(stream, format='PNG')
+        client.send_file_download('grasp.png', stream.getvalue())
+
+    def answer(self, text: str) -> None:
+        """Show what came of the last command."""
+        self._answer.content = (
+            '<div class="grasp-answer" style="padding:0.2em 1em;font-size:0.85em">'
+            f'{html.escape(text)}</div>'
+        )
+
+    @property
+    def options(self) -> ViewOptions:
+        """What the visitor chose to see."""
+        return ViewOptions(
+            QUANTITIES[self._quantity.value],
+            self._shape.value,
+            float(self._exaggeration.value),
+            self._rest.value,
+            self._depth.value,
+            self._lines.value,
+            self._contacts.value,
+            self._scan.value,
+            self._hand.value,
+            self._cones.value,
+            float(self._friction.value),
+        )
+
+    @property
+    def watched(self) -> bool:
+        """Whether any browser is connected."""
+        return bool(self.server.get_clients())
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Show `snapshot`, or the remembered one under the time slider."""
+        now = time.monotonic()
+        if not self._live.value:
+            snapshot = self._history.at(self._left_at + float(self._back.value)) or snapshot
+        legend = self.scene.draw(snapshot, self.options)
+        if now >= self._next_text:
+            self._next_text = now + TEXT_PERIOD_S
+            self._write(snapshot, legend)
+        if now >= self._next_plot:
+            self._next_plot = now + PLOT_PERIOD_S
+            self.plots.draw()
+
+    def _write(self, snapshot: Snapshot, legend: Legend) -> None:
+        quantity = legend.quantity
+        note = f'lines: displacement every {legend.line_step_m * 1e3:.3g} mm'
+        text = legend_html(
+            quantity.name, quantity.unit, 0.0, legend.top, note if legend.line_step_m else ''
+        )
+        if text != self._legend_text:
+            self._legend.content = self._legend_text = text
+        text = state_html(snapshot.state, numbers_of(snapshot, legend))
+        if text != self._state_text:
+            self._state.content = self._state_text = text
+
+    def close(self) -> None:
+        """Stop serving."""
+        self.server.stop()

@@ -1,0 +1,284 @@
+"""What the page knows of the grasp at one instant, and what it draws of it.
+
+All lengths in m, forces in N, in the object's frame unless a frame is named. Surfaces are the
+shell's middle surface, as published.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from .colour_map import colour_index
+from .hand_shape import FingerAngles
+from .poses import Floats, Pose
+
+Ints = npt.NDArray[np.integer]
+Shape = Literal['served', 'linear', 'nonlinear']
+SHAPES: tuple[Shape, ...] = ('served', 'nonlinear', 'linear')
+
+CONTACT, SATURATED, STALE, NOT_TARED, FAULT, NO_GAUGE = 1, 2, 4, 8, 16, 32
+FLAG_NAMES = {
+    SATURATED: 'saturated',
+    STALE: 'stale',
+    NOT_TARED: 'not tared',
+    FAULT: 'fault',
+    NO_GAUGE: 'no gauge',
+}
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Topology and rest positions: triangles (t, 3), rest (n, 3)."""
+
+    triangles: Ints
+    rest: Floats
+
+
+@dataclass(frozen=True)
+class Surface:
+    """One answer: displacement vectors (n, 3), sigma (n,), energy density (n,) if published."""
+
+    stamp: float
+    frame: str
+    moved: Floats
+    sigma: Floats
+    energy: Floats | None = None
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Contacts in `frame`: points, inward normals, forces (k, 3); sigma_n, radius (k,)."""
+
+    stamp: float
+    frame: str
+    points: Floats
+    normals: Floats
+    forces: Floats
+    sigma: Floats
+    radius: Floats
+    finger: Ints
+    flags: Ints
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """A scan: points (p, 3) in `frame`; signed distance (p,) to the model where compared."""
+
+    stamp: float
+    frame: str
+    points: Floats
+    distance: Floats | None = None
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Everything received last; None where nothing came yet. `time` is the newest stamp in s."""
+
+    time: float = 0.0
+    mesh: Mesh | None = None
+    served: Surface | None = None
+    linear: Surface | None = None
+    nonlinear: Surface | None = None
+    contacts: Contacts | None = None
+    scan: Cloud | None = None
+    scan_error: Cloud | None = None
+    fingers: Mapping[int, FingerAngles] = field(default_factory=dict)
+    state: str = ''
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    object_pose: Pose = field(default_factory=Pose)
+    hand_frame: str = 'hand_base'
+
+    def surface(self, shape: Shape) -> Surface | None:
+        """The named answer, if it fits the mesh."""
+        found = {'served': self.served, 'linear': self.linear, 'nonlinear': self.nonlinear}[shape]
+        if self.mesh is None or found is None or len(found.moved) != len(self.mesh.rest):
+            return None
+        return found
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity the surface can be coloured by; `factor` turns SI into `unit`."""
+
+    name: str
+    unit: str
+    factor: float
+    smallest: float
+
+
+DISPLACEMENT = Quantity('displacement', 'mm', 1e3, 0.1)
+DIFFERENCE = Quantity('linear - nonlinear', 'mm', 1e3, 0.05)
+SCAN_ERROR = Quantity('scan error', 'mm', 1e3, 0.2)
+SIGMA = Quantity('uncertainty', 'mm', 1e3, 0.02)
+ENERGY = Quantity('strain energy density', 'J/m²', 1.0, 0.1)
+QUANTITIES = {q.name: q for q in (DISPLACEMENT, DIFFERENCE, SCAN_ERROR, SIGMA, ENERGY)}
+
+
+def values_of(snapshot: Snapshot, quantity: Quantity, shape: Shape) -> Floats | None:
+    """The quantity per vertex (n,) in its unit; NaN where unknown; None if nothing is known."""
+    surface = snapshot.surface(shape)
+    if surface is None:
+        return None
+    if quantity is DISPLACEMENT:
+        return np.linalg.norm(surface.moved, axis=1) * quantity.factor
+    if quantity is SIGMA:
+        return surface.sigma * quantity.factor
+    if quantity is ENERGY:
+        return None if surface.energy is None else surface.energy * quantity.factor
+    if quantity is DIFFERENCE:
+        linear, nonlinear = snapshot.surface('linear'), snapshot.surface('nonlinear')
+        if linear is None or nonlinear is None:
+            return None
+        return np.linalg.norm(linear.moved - nonlinear.moved, axis=1) * quantity.factor
+    error = snapshot.scan_error
+    if error is None or error.distance is None or not len(error.points):
+        return None
+    points = points_in_object(snapshot, error.frame, error.points)
+    return vertex_scan_error(deformed(snapshot, surface), points, error.distance) * quantity.factor
+
+
+def deformed(snapshot: Snapshot, surface: Surface, exaggeration: float = 1.0) -> Floats:
+    """Vertex positions (n, 3) of an answer, its displacement multiplied by `exaggeration`."""
+    assert snapshot.mesh is not None
+    return snapshot.mesh.rest + exaggeration * surface.moved
+
+
+def vertex_scan_error(vertices: Floats, points: Floats, distance: Floats) -> Floats:
+    """Mean unsigned scan error (n,) in m of the points nearest to each vertex; NaN = not seen.
+
+    A point speaks for a vertex that is no further away than its own error plus 2 mm.
+    """
+    count = min(8, len(points))
+    size = np.abs(distance)
+    gap, index = cKDTree(points).query(vertices, k=count)
+    gap, index = gap.reshape(-1, count), index.reshape(-1, count)
+    weight = (gap <= size[index] + 2e-3).astype(float)
+    total = weight.sum(axis=1)
+    mean = (weight * size[index]).sum(axis=1) / np.maximum(total, 1.0)
+    return np.where(total > 0, mean, np.nan)
+
+
+def points_in_object(snapshot: Snapshot, frame: str, points: Floats) -> Floats:
+    """Points (n, 3) of `frame` in the object's frame; only the hand's frame differs from it."""
+    return snapshot.object_pose.inverse.points(points) if frame == snapshot.hand_frame else points
+
+
+def vectors_in_object(snapshot: Snapshot, frame: str, vectors: Floats) -> Floats:
+    """Directions (n, 3) of `frame` in the object's frame."""
+    return (
+        snapshot.object_pose.inverse.vectors(vectors) if frame == snapshot.hand_frame else vectors
+    )
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """A contact's force: tail and head (3,) m, finger, force and sigma in N, flags in words."""
+
+    tail: Floats
+    head: Floats
+    finger: int
+    force: float
+    sigma: float
+    radius: float
+    flags: tuple[str, ...]
+    touching: bool
+
+    @property
+    def label(self) -> str:
+        """What stands beside the arrow."""
+        sigma = f' ± {self.sigma:.1f}' if np.isfinite(self.sigma) else ''
+        words = f' {", ".join(self.flags)}' if self.flags else ''
+        return f'F{self.finger}: {self.force:.1f}{sigma} N{words}'
+
+
+def arrows(snapshot: Snapshot, metres_per_newton: float) -> list[Arrow]:
+    """One arrow per contact with finite numbers, its head at the contact point."""
+    contacts = snapshot.contacts
+    if contacts is None:
+        return []
+    points = points_in_object(snapshot, contacts.frame, contacts.points)
+    forces = vectors_in_object(snapshot, contacts.frame, contacts.forces)
+    made = []
+    for k in range(len(points)):
+        if not (np.isfinite(points[k]).all() and np.isfinite(forces[k]).all()):
+            continue
+        flags = int(contacts.flags[k])
+        made.append(
+            Arrow(
+                points[k] - forces[k] * metres_per_newton,
+                points[k],
+                int(contacts.finger[k]),
+                float(np.linalg.norm(forces[k])),
+                float(contacts.sigma[k]),
+                float(contacts.radius[k]),
+                tuple(word for bit, word in FLAG_NAMES.items() if flags & bit),
+                bool(flags & CONTACT),
+            )
+        )
+    return made
+
+
+def friction_cones(snapshot: Snapshot, coefficient: float, length: float) -> Floats:
+    """Line segments (s, 2, 3) m: the friction cone of each touching contact, along its normal."""
+    contacts = snapshot.contacts
+    if contacts is None:
+        return np.zeros((0, 2, 3))
+    points = points_in_object(snapshot, contacts.frame, contacts.points)
+    normals = vectors_in_object(snapshot, contacts.frame, contacts.normals)
+    angles = np.linspace(0.0, 2 * np.pi, 17)[:-1]
+    segments = []
+    for k in np.flatnonzero(contacts.flags & CONTACT):
+        axis = normals[k]
+        helper = np.eye(3)[int(np.abs(axis).argmin())]
+        first = np.cross(axis, helper)
+        first /= np.linalg.norm(first)
+        ring = np.outer(np.cos(angles), first) + np.outer(np.sin(angles), np.cross(axis, first))
+        rim = points[k] + length * (axis + coefficient * ring)
+        segments.append(np.stack([np.broadcast_to(points[k], rim.shape), rim], axis=1))
+        segments.append(np.stack([rim, np.roll(rim, -1, axis=0)], axis=1))
+    return np.concatenate(segments) if segments else np.zeros((0, 2, 3))
+
+
+def level_lines(vertices: Floats, triangles: Ints, values: Floats, step: float) -> Floats:
+    """Segments (s, 2, 3) m on which `values` (n,), linear in each face, is a multiple of `step`.
+
+    The zero line is left out; at most 40 levels are drawn.
+    """
+    levels = np.arange(1, min(int(values.max(initial=0.0) / step), 40) + 1) * step
+    corners = values[triangles]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    segments = []
+    for level in levels:
+        hit = np.flatnonzero((low < level) & (high >= level))
+        faces, height = triangles[hit], corners[hit] - level
+        above = height >= 0.0
+        # The corner alone on its side: both cut edges meet there.
+        alone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
+        row = np.arange(len(hit))
+        first, ends = faces[row, alone], []
+        for side in (1, 2):
+            other = (alone + side) % 3
+            weight = height[row, alone] / (height[row, alone] - height[row, other])
+            start = vertices[first]
+            ends.append(start + weight[:, None] * (vertices[faces[row, other]] - start))
+        segments.append(np.stack(ends, axis=1))
+    return np.concatenate(segments) if segments else np.zeros((0, 2, 3))
+
+
+def surface_colours(values: Floats | None, count: int, top: float) -> npt.NDArray[np.intp]:
+    """Rows (n,) of the colour table for values on the scale 0..top; all `no value` for None."""
+    return np.full(count, 256) if values is None else colour_index(values, 0.0, top)
+
+
+def largest(values: Floats | None) -> float:
+    """The largest known value, 0 where none is known."""
+    if values is None:
+        return 0.0
+    known = values[np.isfinite(values)]
+    return float(known.max()) if len(known) else 0.0

@@ -1,0 +1,352 @@
+"""The 3-D half of the page: a snapshot in, bodies in the browser out.
+
+Lengths are multiplied by `SCALE` on the way out: browsers clip and round a 65 mm ball drawn in
+metres. Only what has changed since the last call is sent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import viser
+
+from .colour_map import RENDERER_TABLE, TABLE, SteadyScale, colour_index
+from .hand_shape import hand_bodies
+from .poses import Floats, Pose, quaternion_wxyz
+from .scene_model import (
+    QUANTITIES,
+    Arrow,
+    Mesh,
+    Quantity,
+    Shape,
+    Snapshot,
+    Surface,
+    arrows,
+    deformed,
+    friction_cones,
+    largest,
+    level_lines,
+    points_in_object,
+    surface_colours,
+    values_of,
+)
+from .unlit_mesh import unlit_glb
+
+SCALE = 20.0
+METRES_PER_NEWTON = 1.2e-3
+LABELS = 8
+BODIES = 10
+FORCE, FLAGGED = (20, 20, 20), (200, 60, 20)
+
+
+ScanChoice = Literal['with scan error', 'always', 'never']
+SCAN_CHOICES: tuple[ScanChoice, ...] = ('with scan error', 'always', 'never')
+
+
+@dataclass(frozen=True)
+class ViewOptions:
+    """What the visitor chose to see."""
+
+    quantity: Quantity
+    shape: Shape = 'served'
+    exaggeration: float = 1.0
+    rest: bool = True
+    depth_lines: bool = True
+    mesh_lines: bool = False
+    contacts: bool = True
+    scan: ScanChoice = 'with scan error'
+    hand: bool = True
+    cones: bool = False
+    friction: float = 0.5
+
+
+@dataclass(frozen=True)
+class Legend:
+    """The scale that is on the surface now."""
+
+    quantity: Quantity
+    top: float
+    largest: float
+    line_step_m: float = 0.0
+
+
+class SceneView:
+    """Bodies of one page; `draw` is called with every new snapshot."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server = server
+        self._scene = server.scene
+        self._scene.set_up_direction('+z')
+        self._scene.configure_default_lights(enabled=True, cast_shadow=False)
+        self._scales = {name: SteadyScale(q.smallest) for name, q in QUANTITIES.items()}
+        self._surfaces: list[viser.GlbHandle] = []
+        self._front = 0
+        self._lines: viser.MeshHandle | None = None
+        self._depth: viser.LineSegmentsHandle | None = None
+        self._legend: Legend | None = None
+        self._rest: viser.MeshHandle | None = None
+        self._scan: viser.PointCloudHandle | None = None
+        self._arrows: viser.ArrowsHandle | None = None
+        self._cones: viser.LineSegmentsHandle | None = None
+        self._bodies: dict[str, viser.BoxHandle] = {}
+        self._labels: list[viser.LabelHandle] = []
+        self._drawn: dict[str, object] = {}
+        self._aimed = False
+
+    def _changed(self, part: str, *what: object) -> bool:
+        """Whether any object behind `part` is another one than at the last call."""
+        before = self._drawn.get(part)
+        same = (
+            isinstance(before, tuple)
+            and len(before) == len(what)
+            and all(
+                a is b or (isinstance(a, float | bool | str) and a == b)
+                for a, b in zip(before, what, strict=True)
+            )
+        )
+        self._drawn[part] = what
+        return not same
+
+    def forget(self) -> None:
+        """Send everything again at the next call."""
+        self._drawn.clear()
+
+    def draw(self, snapshot: Snapshot, options: ViewOptions) -> Legend:
+        """Bring the browsers up to date; returns the scale now on the surface."""
+        legend = self._draw_surface(snapshot, options)
+        self._draw_rest(snapshot, options)
+        self._draw_contacts(snapshot, options)
+        self._draw_cones(snapshot, options)
+        self._draw_scan(snapshot, options, legend)
+        self._draw_hand(snapshot, options)
+        return legend
+
+    def _draw_surface(self, snapshot: Snapshot, options: ViewOptions) -> Legend:
+        surface = snapshot.surface(options.shape)
+        quantity = options.quantity
+        scale = self._scales[quantity.name]
+        if surface is None or snapshot.mesh is None:
+            self._hide(*self._surfaces, self._lines, self._depth)
+            self._drawn.pop('surface', None)
+            self._legend = None
+            return Legend(quantity, scale.top, 0.0)
+        if self._legend is not None and not self._changed(
+            'surface',
+            snapshot.mesh,
+            surface,
+            quantity,
+            options.exaggeration,
+            options.depth_lines,
+            options.mesh_lines,
+            snapshot.linear,
+            snapshot.nonlinear,
+            snapshot.scan_error,
+        ):
+            return self._legend
+        values = values_of(snapshot, quantity, options.shape)
+        most = largest(values)
+        top = scale.follow(most)
+        vertices = deformed(snapshot, surface, options.exaggeration) * SCALE
+        index = surface_colours(values, len(vertices), top)
+        self._show(unlit_glb(vertices, snapshot.mesh.triangles, RENDERER_TABLE[index]))
+        self._show_mesh_lines(vertices, snapshot, options)
+        step = self._show_depth_lines(vertices, snapshot.mesh, surface, options)
+        if not self._aimed:
+            self._aim(vertices)
+        self._legend = Legend(quantity, top, most, step)
+        return self._legend
+
+    @staticmethod
+    def _hide(*handles: viser.SceneNodeHandle | None) -> None:
+        for handle in handles:
+            if handle is not None and handle.visible:
+                handle.visible = False
+
+    def _show_depth_lines(
+        self, vertices: Floats, mesh: Mesh, surface: Surface, options: ViewOptions
+    ) -> float:
+        """White lines of equal displacement, a tenth of its scale apart; returns that step (m)."""
+        depth = np.linalg.norm(surface.moved, axis=1)
+        step = self._scales['displacement'].follow(float(depth.max(initial=0.0)) * 1e3) * 1e-4
+        points = level_lines(vertices, mesh.triangles, depth, step).astype(np.float32)
+        if not options.depth_lines or not len(points):
+            self._hide(self._depth)
+            return 0.0
+        if self._depth is None:
+            self._depth = self._scene.add_line_segments(
+                '/depth', points, colors=(255, 255, 255), thickness=1.2, thickness_units='screen'
+            )
+        else:
+            self._depth.points = points
+        self._depth.visible = True
+        return step
+
+    def _show(self, glb: bytes) -> None:
+        # A body is gone from the browser while it parses a new file: two take turns, the hidden
+        # one is filled and shown at the next call, one frame (1/15 s) later.
+        if not self._surfaces:
+            self._surfaces = [
+                self._scene.add_glb(f'/surface_{k}', glb, cast_shadow=False, receive_shadow=False)
+                for k in range(2)
+            ]
+            self._surfaces[1].visible = False
+            return
+        self._front = 1 - self._front
+        with self._server.atomic():
+            self._surfaces[self._front].visible = True
+            self._surfaces[1 - self._front].visible = False
+            self._surfaces[1 - self._front].glb_data = glb
+
+    def _show_mesh_lines(self, vertices: Floats, snapshot: Snapshot, options: ViewOptions) -> None:
+        assert snapshot.mesh is not None
+        if not options.mesh_lines:
+            self._hide(self._lines)
+            return
+        if self._lines is None or self._changed('lines', snapshot.mesh):
+            self._lines = self._scene.add_mesh_simple(
+                '/lines',
+                vertices,
+                snapshot.mesh.triangles,
+                color=(0, 0, 0),
+                wireframe=True,
+                opacity=0.12,
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+        else:
+            self._lines.vertices = vertices.astype(np.float32)
+        self._lines.visible = True
+
+    def _aim(self, vertices: Floats) -> None:
+        self._aimed = True
+        middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        reach = float(np.ptp(vertices, axis=0).max())
+        position = middle + reach * np.array([1.35, -1.65, 0.95])
+        camera = self._server.initial_camera
+        camera.position = tuple(position)
+        camera.look_at = tuple(middle)
+        for client in self._server.get_clients().values():
+            client.camera.position = position
+            client.camera.look_at = middle
+
+    def _draw_rest(self, snapshot: Snapshot, options: ViewOptions) -> None:
+        if not self._changed('rest', snapshot.mesh, options.rest):
+            return
+        if snapshot.mesh is None or not options.rest:
+            self._hide(self._rest)
+            return
+        self._rest = self._scene.add_mesh_simple(
+            '/rest',
+            snapshot.mesh.rest * SCALE,
+            snapshot.mesh.triangles,
+            color=(120, 120, 120),
+            opacity=0.25,
+            cast_shadow=False,
+            receive_shadow=False,
+            side='back',
+        )
+
+    def _draw_contacts(self, snapshot: Snapshot, options: ViewOptions) -> None:
+        if not self._changed(
+            'contacts', snapshot.contacts, snapshot.object_pose, options.contacts
+        ):
+            return
+        shown = arrows(snapshot, METRES_PER_NEWTON) if options.contacts else []
+        pulled = [arrow for arrow in shown if arrow.force > 1e-6]
+        if pulled:
+            points = np.array([[a.tail, a.head] for a in pulled]) * SCALE
+            colours = np.array([FLAGGED if a.flags else FORCE for a in pulled], dtype=np.uint8)
+            if self._arrows is None:
+                self._arrows = self._scene.add_arrows(
+                    '/forces',
+                    points,
+                    colours,
+                    shaft_radius=0.012,
+                    head_radius=0.035,
+                    head_length=0.08,
+                )
+            else:
+                self._arrows.points = points.astype(np.float32)
+                self._arrows.colors = colours
+            self._arrows.visible = True
+        else:
+            self._hide(self._arrows)
+        self._label(shown)
+
+    def _label(self, shown: list[Arrow]) -> None:
+        for k, arrow in enumerate(shown[:LABELS]):
+            if k == len(self._labels):
+                self._labels.append(self._scene.add_label(f'/label_{k}', arrow.label))
+            handle = self._labels[k]
+            if handle.text != arrow.label:
+                handle.text = arrow.label
+            handle.position = tuple(arrow.tail * SCALE)
+            handle.visible = True
+        self._hide(*self._labels[len(shown) :])
+
+    def _draw_cones(self, snapshot: Snapshot, options: ViewOptions) -> None:
+        if not options.cones:
+            self._hide(self._cones)
+            self._drawn.pop('cones', None)
+            return
+        if not self._changed('cones', snapshot.contacts, options.friction):
+            return
+        segments = friction_cones(snapshot, options.friction, 0.02) * SCALE
+        if self._cones is not None:
+            self._cones.remove()
+            self._cones = None
+        if len(segments):
+            self._cones = self._scene.add_line_segments(
+                '/cones', segments, colors=(60, 60, 60), thickness=0.004
+            )
+
+    def _draw_scan(self, snapshot: Snapshot, options: ViewOptions, legend: Legend) -> None:
+        cloud = snapshot.scan_error or snapshot.scan
+        error = legend.quantity.name == 'scan error'
+        wanted = options.scan == 'always' or (options.scan == 'with scan error' and error)
+        if cloud is None or not wanted or not len(cloud.points):
+            self._hide(self._scan)
+            self._drawn.pop('scan', None)
+            return
+        top = legend.top if error else 0.0
+        if not self._changed('scan', cloud, snapshot.object_pose, top):
+            return
+        points = points_in_object(snapshot, cloud.frame, cloud.points) * SCALE
+        if error and cloud.distance is not None:
+            colours = TABLE[colour_index(np.abs(cloud.distance) * 1e3, 0.0, top)]
+        else:
+            colours = np.broadcast_to(np.array([90, 30, 30], dtype=np.uint8), points.shape)
+        self._scan = self._scene.add_point_cloud(
+            '/scan',
+            points.astype(np.float32),
+            np.ascontiguousarray(colours),
+            point_size=0.006,
+            point_shape='circle',
+            point_shading='flat',
+            precision='float32',
+        )
+
+    def _draw_hand(self, snapshot: Snapshot, options: ViewOptions) -> None:
+        if not self._changed('hand', snapshot.fingers, snapshot.object_pose, options.hand):
+            return
+        bodies = hand_bodies(snapshot.fingers) if options.hand and snapshot.fingers else []
+        place = snapshot.object_pose.inverse
+        for body in bodies:
+            pose: Pose = place.after(body.pose)
+            handle = self._bodies.get(body.name)
+            if handle is None:
+                self._bodies[body.name] = handle = self._scene.add_box(
+                    f'/hand/{body.name}',
+                    color=(150, 155, 165),
+                    dimensions=np.array(body.size) * SCALE,
+                    opacity=0.45,
+                    cast_shadow=False,
+                    receive_shadow=False,
+                )
+            handle.wxyz = tuple(quaternion_wxyz(pose.rotation))
+            handle.position = tuple(pose.translation * SCALE)
+            handle.visible = True
+        shown = {body.name for body in bodies}
+        self._hide(*(handle for name, handle in self._bodies.items() if name not in shown))

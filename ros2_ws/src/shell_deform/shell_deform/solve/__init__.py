@@ -1,0 +1,1 @@
+"""Solvers: sparse factorisation, Newton, continuation, stability."""

@@ -1,0 +1,201 @@
+"""Bordered systems and low-rank updates of a factorised matrix, with their inertia.
+
+A bordered system [[K, C], [C^T, D]] serves displacement control, arc length and Lagrange
+multipliers; an update K + V diag(c) V^T, a sealed gas or a penalty. Both are solved through the
+factor of K alone. With the factor's strong part K+, weak modes Z and weak matrix R (see
+`factor.py`) the unknowns are x = K+ (f - C m) + Z a, and the border's m and a follow from
+
+    [[D - C^T K+ C, C^T Z], [Z^T C, R]] [m, a] = [g - C^T K+ f, Z^T f],
+
+which involves no inverse of R: a singular or nearly singular K (rigid modes, limit points) costs no
+accuracy as long as the whole system is regular. An update is the border V with corner -diag(1/c).
+Inertias add (E. Haynsworth 1968, doi:10.1016/0024-3795(68)90050-5).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shell_deform.solve.factor import (
+    REFINED,
+    ZERO_EIGENVALUE,
+    Factor,
+    FactorError,
+    Inertia,
+    SingularMatrixError,
+)
+
+REFINEMENTS = 4
+
+
+class BorderedFactor:
+    """Factor of [[K + V diag(c) V^T, C], [C^T, D]] from the factor of K."""
+
+    def __init__(
+        self,
+        factor: Factor,
+        borders: ArrayLike | None = None,
+        corner: ArrayLike | None = None,
+        update_vectors: ArrayLike | None = None,
+        update_coefficients: ArrayLike | None = None,
+    ) -> None:
+        """Borders C (N, k), symmetric corner D (k, k), default 0; update V (N, u), c (u,).
+
+        Rows of C and V at unknowns that the factor holds at zero are ignored.
+        Raises FactorError for shapes that do not fit.
+        """
+        self.factor = factor
+        size = factor.size
+        own = _columns(borders, size, 'borders')
+        updates = _columns(update_vectors, size, 'update_vectors')
+        strengths = np.zeros(0) if update_coefficients is None else update_coefficients
+        strengths = np.atleast_1d(np.asarray(strengths, dtype=np.float64))
+        if strengths.shape != (updates.shape[1],):
+            raise FactorError(
+                f'{strengths.size} update coefficients for {updates.shape[1]} update vectors'
+            )
+        active = strengths != 0.0
+        updates, strengths = updates[:, active], strengths[active]
+        count = own.shape[1]
+        inner = np.zeros((count, count)) if corner is None else np.asarray(corner, dtype=float)
+        if inner.shape != (count, count) or not np.allclose(inner, inner.T, rtol=1e-12, atol=0.0):
+            raise FactorError(f'corner: a symmetric ({count}, {count}) matrix is needed')
+        self._count = count
+        self._columns = np.where(factor.free[:, None], np.hstack([own, updates]), 0.0)
+        total = self._columns.shape[1]
+        self._corner = np.zeros((total, total))
+        self._corner[:count, :count] = inner
+        self._corner[range(count, total), range(count, total)] = -1.0 / strengths
+        self._update_signs = Inertia(int(np.sum(strengths < 0.0)), int(np.sum(strengths > 0.0)), 0)
+        self._response, along = factor.partial_solve(self._columns)
+        small = np.block(
+            [[self._corner - self._columns.T @ self._response, along.T],
+             [along, factor.weak_matrix]]
+        )  # fmt: skip
+        small = 0.5 * (small + small.T)
+        self._set_small(small)
+
+    def _set_small(self, small: NDArray[np.float64]) -> None:
+        """Eigenvalues of the small system after equilibration."""
+        scale = np.ones(len(small))
+        for _ in range(4):
+            largest = np.max(np.abs(small) * np.outer(scale, scale), axis=1, initial=0.0)
+            scale /= np.sqrt(np.where(largest > 0.0, largest, 1.0))
+        self._scale = scale
+        self._values, self._vectors = np.linalg.eigh(small * np.outer(scale, scale))
+
+    @property
+    def inertia(self) -> Inertia:
+        """Inertia of the whole bordered (and updated) matrix over the free unknowns."""
+        zero = np.abs(self._values) <= ZERO_EIGENVALUE
+        return (
+            self.factor.strong
+            + Inertia(
+                int(np.sum((self._values > 0.0) & ~zero)),
+                int(np.sum((self._values < 0.0) & ~zero)),
+                int(np.sum(zero)),
+            )
+            - self._update_signs
+        )
+
+    def solve(
+        self, rhs: ArrayLike, border_rhs: ArrayLike | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """x and multipliers m with (K + V c V^T) x + C m = f, C^T x + D m = g, refined.
+
+        f (N,) or (N, r); g (k,) or (k, r), default 0; x and m come in the same shapes.
+        Raises SingularMatrixError when the bordered system is singular.
+        """
+        load = np.asarray(rhs, dtype=np.float64)
+        if load.shape[:1] != (self.factor.size,) or load.ndim > 2:
+            raise FactorError(
+                f'right-hand side of shape {load.shape}, needed are {self.factor.size} rows'
+            )
+        shape = (self._count, *load.shape[1:])
+        f = np.where(self.factor.free[:, None], load.reshape(self.factor.size, -1), 0.0)
+        g = np.zeros((len(self._corner), f.shape[1]))
+        if border_rhs is not None:
+            try:
+                g[: self._count] = np.broadcast_to(border_rhs, shape).reshape(self._count, -1)
+            except ValueError:
+                raise FactorError(
+                    f'border right-hand side of shape {np.shape(border_rhs)}, needed is {shape}'
+                ) from None
+        if np.any(np.abs(self._values) <= ZERO_EIGENVALUE):
+            raise SingularMatrixError(
+                f'the bordered matrix has {self.inertia.zero} zero eigenvalues: its borders do '
+                'not hold every zero mode of the matrix; add a support or another border',
+                self.factor.weak_unknowns,
+            )
+        x, m = self._solve_once(f, g)
+        smallest = np.inf
+        for _ in range(REFINEMENTS):
+            rest, border_rest, error = self._residual(f, g, x, m)
+            if error <= REFINED or not error < 0.5 * smallest:
+                break
+            smallest = error
+            dx, dm = self._solve_once(rest, border_rest)
+            x, m = x + dx, m + dm
+        return x.reshape(load.shape), m[: self._count].reshape(shape)
+
+    def _solve_once(
+        self, f: NDArray[np.float64], g: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Block elimination without refinement."""
+        strong, along = self.factor.partial_solve(f)
+        right = np.vstack([g - self._columns.T @ strong, along]) * self._scale[:, None]
+        small = self._vectors @ ((self._vectors.T @ right) / self._values[:, None])
+        small *= self._scale[:, None]
+        m, weak = small[: len(g)], small[len(g) :]
+        x = strong - self._response @ m + self.factor.weak_modes @ weak
+        return x, m
+
+    def _residual(
+        self,
+        f: NDArray[np.float64],
+        g: NDArray[np.float64],
+        x: NDArray[np.float64],
+        m: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Residuals of both rows and the larger one relative to its terms."""
+        elastic = self.factor.matrix @ x
+        rest = np.where(self.factor.free[:, None], f - elastic - self._columns @ m, 0.0)
+        border = g - self._columns.T @ x - self._corner @ m
+        size = self.factor.norm * np.max(np.abs(x)) + np.max(np.abs(f)) + np.finfo(float).tiny
+        reach = np.abs(self._columns).T @ np.abs(x) + np.abs(self._corner) @ np.abs(m) + np.abs(g)
+        error = max(
+            float(np.max(np.abs(rest)) / size),
+            float(np.max(np.abs(border) / np.where(reach > 0.0, reach, 1.0), initial=0.0)),
+        )
+        return rest, border, error
+
+
+class UpdatedFactor:
+    """Factor of K + V diag(c) V^T from the factor of K, with a factor's `solve` and `inertia`."""
+
+    def __init__(self, factor: Factor, vectors: ArrayLike, coefficients: ArrayLike) -> None:
+        """V (N, u) or (N,), c (u,) or a number; zero coefficients are left out."""
+        self._bordered = BorderedFactor(
+            factor, update_vectors=vectors, update_coefficients=coefficients
+        )
+
+    @property
+    def inertia(self) -> Inertia:
+        """Inertia of the updated matrix over the free unknowns."""
+        return self._bordered.inertia
+
+    def solve(self, rhs: ArrayLike) -> NDArray[np.float64]:
+        """x (N,) or (N, r) for the load f of the same shape, refined."""
+        return self._bordered.solve(rhs)[0]
+
+
+def _columns(values: ArrayLike | None, size: int, name: str) -> NDArray[np.float64]:
+    """Columns (size, k) from None, a vector or a matrix."""
+    if values is None:
+        return np.zeros((size, 0))
+    columns = np.asarray(values, dtype=np.float64)
+    columns = columns[:, None] if columns.ndim == 1 else columns
+    if columns.ndim != 2 or len(columns) != size:
+        raise FactorError(f'{name} of shape {columns.shape}, needed are {size} rows')
+    return columns

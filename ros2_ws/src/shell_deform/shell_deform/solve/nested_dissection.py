@@ -1,0 +1,272 @@
+"""Nested dissection: an elimination order that keeps the factor of a mesh matrix thin.
+
+A set of vertices is cut in two by a plane through its median (several directions are tried, the
+one with the smallest separator wins); the separator, which is made as small as the cut's edges
+allow, is eliminated last. Without coordinates, distances in the graph from a few far-apart
+landmarks serve as coordinates.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.compiled import compiled
+
+LANDMARKS = 4
+LEAF_VERTICES = 24
+TRIED_DIRECTIONS = 4
+# Irrational tilts break the ties of regular lattices and of integer graph distances.
+TILT = 1e-3
+
+
+def nested_dissection(
+    indptr: NDArray[np.int32],
+    indices: NDArray[np.int32],
+    coordinates: NDArray[np.float64] | None = None,
+    leaf_vertices: int = LEAF_VERTICES,
+) -> NDArray[np.int32]:
+    """Elimination order (n,): position k is vertex order[k].
+
+    `indptr` (n + 1,) and `indices` describe a symmetric graph (self loops allowed), `coordinates`
+    (n, d) place its vertices [m].
+    Source: A. George (1973), doi:10.1137/0710032; Koenig's theorem for the vertex cover.
+    """
+    count = len(indptr) - 1
+    if coordinates is None:
+        coordinates = _graph_coordinates(indptr, indices, LANDMARKS)
+    points = np.ascontiguousarray(coordinates, dtype=np.float64).reshape(count, -1)
+    order = np.arange(count, dtype=np.int32)
+    _dissect(
+        indptr,
+        indices,
+        points,
+        _directions(points.shape[1]),
+        order,
+        leaf_vertices,
+        TRIED_DIRECTIONS,
+    )
+    return order
+
+
+def _directions(dimension: int) -> NDArray[np.float64]:
+    """Candidate normals (c, dimension): axes and, in the plane and space, their diagonals."""
+    axes = np.eye(dimension)
+    if dimension <= 3:
+        grid = np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * dimension)).reshape(dimension, -1).T
+        axes = grid[len(grid) // 2 + 1 :]
+        axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    tilt = TILT * np.sqrt(np.arange(2.0, 2.0 + dimension))
+    return np.ascontiguousarray(axes + tilt)
+
+
+@compiled
+def _graph_coordinates(indptr: Any, indices: Any, landmarks: int) -> Any:
+    """Graph distances (n, landmarks + 1) from far-apart landmarks; components lie far apart."""
+    count = len(indptr) - 1
+    result = np.zeros((count, landmarks + 1))
+    component = np.full(count, -1, np.int32)
+    queue = np.empty(count, np.int32)
+    distance = np.full(count, -1, np.int32)
+    nearest = np.empty(count, np.int32)
+    components = 0
+    for seed in range(count):
+        if component[seed] >= 0:
+            continue
+        start = seed
+        for landmark in range(-1, landmarks):
+            queue[0] = start
+            distance[start] = 0
+            head, tail = 0, 1
+            while head < tail:
+                v = queue[head]
+                head += 1
+                for q in range(indptr[v], indptr[v + 1]):
+                    w = indices[q]
+                    if distance[w] < 0:
+                        distance[w] = distance[v] + 1
+                        queue[tail] = w
+                        tail += 1
+            start = queue[tail - 1]
+            for k in range(tail):
+                v = queue[k]
+                if landmark < 0:
+                    component[v] = components
+                    nearest[v] = 2147483647
+                else:
+                    result[v, landmark] = distance[v]
+                    nearest[v] = min(nearest[v], distance[v])
+                    if nearest[v] > nearest[start]:
+                        start = v
+                distance[v] = -1
+            if landmark >= 0:
+                for k in range(tail):
+                    if nearest[queue[k]] > nearest[start]:
+                        start = queue[k]
+        components += 1
+    for v in range(count):
+        result[v, landmarks] = 2.0 * count * component[v]
+    return result
+
+
+@compiled
+def _minimum_cover(
+    indptr: Any,
+    indices: Any,
+    side: Any,
+    order: Any,
+    low: int,
+    high: int,
+    partner: Any,
+    seen: Any,
+    stack: Any,
+    cursor: Any,
+) -> int:
+    """Mark with side 2 the fewest vertices of order[low:high] that touch every cut edge.
+
+    Matching by augmenting paths from side 0, then Koenig's cover: vertices of side 0 not reached,
+    and of side 1 reached, by alternating paths from the unmatched vertices of side 0.
+    """
+    for k in range(low, high):
+        partner[order[k]] = -1
+        seen[order[k]] = -1
+    for k in range(low, high):
+        v = order[k]
+        if side[v] == 0:
+            for q in range(indptr[v], indptr[v + 1]):
+                w = indices[q]
+                if side[w] == 1 and partner[w] < 0:
+                    partner[w] = v
+                    partner[v] = w
+                    break
+    for k in range(low, high + 1):
+        # The last round marks what all unmatched vertices reach together.
+        if k == high:
+            depth = 0
+            for j in range(low, high):
+                seen[order[j]] = -1
+        root_low, root_high = (k, k + 1) if k < high else (low, high)
+        for j in range(root_low, root_high):
+            root = order[j]
+            if side[root] != 0 or partner[root] >= 0:
+                continue
+            stack[0] = root
+            cursor[0] = indptr[root]
+            seen[root] = k
+            depth = 1
+            while depth > 0:
+                v = stack[depth - 1]
+                descended = False
+                q = cursor[depth - 1]
+                while q < indptr[v + 1]:
+                    w = indices[q]
+                    q += 1
+                    if side[w] != 1 or seen[w] == k:
+                        continue
+                    seen[w] = k
+                    if partner[w] < 0:
+                        # Augment along the stack: each vertex takes the one it last looked at.
+                        cursor[depth - 1] = q
+                        for level in range(depth):
+                            u = stack[level]
+                            w = indices[cursor[level] - 1]
+                            partner[w] = u
+                            partner[u] = w
+                        depth = 0
+                        descended = True
+                        break
+                    cursor[depth - 1] = q
+                    stack[depth] = partner[w]
+                    seen[partner[w]] = k
+                    cursor[depth] = indptr[partner[w]]
+                    depth += 1
+                    descended = True
+                    break
+                if not descended:
+                    depth -= 1
+    cover = 0
+    for k in range(low, high):
+        v = order[k]
+        if (
+            side[v] == 0
+            and partner[v] >= 0
+            and seen[v] != high
+            or side[v] == 1
+            and seen[v] == high
+        ):
+            stack[cover] = v
+            cover += 1
+    for k in range(cover):
+        side[stack[k]] = 2
+    return cover
+
+
+@compiled
+def _dissect(
+    indptr: Any, indices: Any, points: Any, directions: Any, order: Any, leaf: int, tried: int
+) -> None:
+    """Reorder `order` in place: halves first, their separator last, recursively."""
+    count = len(order)
+    dimension = points.shape[1]
+    candidates = len(directions)
+    tried = min(tried, candidates)
+    side = np.full(count, -1, np.int8)
+    partner = np.empty(count, np.int32)
+    seen = np.empty(count, np.int32)
+    stack = np.empty(count + 1, np.int32)
+    cursor = np.empty(count + 1, np.int32)
+    values = np.empty((candidates, count))
+    extents = np.empty(candidates)
+    ranges = [(0, count)]
+    while len(ranges) > 0:
+        low, high = ranges.pop()
+        size = high - low
+        if size <= leaf:
+            continue
+        for c in range(candidates):
+            least, most = np.inf, -np.inf
+            for k in range(size):
+                value = 0.0
+                for i in range(dimension):
+                    value += directions[c, i] * points[order[low + k], i]
+                values[c, k] = value
+                least, most = min(least, value), max(most, value)
+            extents[c] = most - least
+        by_extent = np.argsort(-extents)
+        best, best_cost, best_level = -1, np.inf, 0.0
+        for rank in range(tried):
+            c = by_extent[rank]
+            level = np.partition(values[c, :size], size // 2)[size // 2]
+            for k in range(size):
+                side[order[low + k]] = 0 if values[c, k] < level else 1
+            touching = 0
+            for k in range(size):
+                v = order[low + k]
+                for q in range(indptr[v], indptr[v + 1]):
+                    if side[indices[q]] + side[v] == 1 and side[indices[q]] != -1 and side[v] >= 0:
+                        touching += 1
+                        break
+            if touching < best_cost:
+                best, best_cost, best_level = c, touching, level
+        for k in range(size):
+            side[order[low + k]] = 0 if values[best, k] < best_level else 1
+        _minimum_cover(indptr, indices, side, order, low, high, partner, seen, stack, cursor)
+        filled = 0
+        sizes = np.zeros(3, np.int64)
+        for part in range(3):
+            for k in range(low, high):
+                if side[order[k]] == part:
+                    stack[filled] = order[k]
+                    filled += 1
+                    sizes[part] += 1
+        for k in range(size):
+            order[low + k] = stack[k]
+            side[stack[k]] = -1
+        if sizes[0] == size or sizes[1] == size:
+            continue
+        if sizes[0] > 0:
+            ranges.append((low, low + sizes[0]))
+        if sizes[1] > 0:
+            ranges.append((low + sizes[0], low + sizes[0] + sizes[1]))

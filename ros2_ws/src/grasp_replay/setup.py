@@ -21,7 +21,9 @@ setup(
     zip_safe=False,
     maintainer='Shell grasp maintainers',
     maintainer_email='maintainers@users.noreply.h-seed-306f35c0.example',
-    description='Recorded grasps: record, check, repair, replay, and run the whole pipeline offline',
+    description=(
+        'Recorded grasps: record, check, repair, replay, and run the whole pipeline offline'
+    ),
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

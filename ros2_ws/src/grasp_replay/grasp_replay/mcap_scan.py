@@ -140,6 +140,7 @@ class _Walk:
         self.weak = Definitions()
         self.chunks_seen = 0
         self.index_seen = True
+        self.settled = len(MAGIC)
         self.run_start = 0
         self.run_end = 0
 
@@ -150,9 +151,7 @@ class _Walk:
                 position = self._record(position)
             except Damage as damage:
                 self._close_run()
-                following = self._next_chunk(position + 1)
-                self._lose(position, following, str(damage))
-                position = following
+                position = self._step_over(position, str(damage))
             self.progress(position)
         self._close_run()
         self._note_missing_index()
@@ -160,6 +159,16 @@ class _Walk:
         if not self.result.complete and not self.result.lost:
             self._lose(self.size, self.size, 'the file ends before its end mark')
         return self.result
+
+    def _step_over(self, position: int, reason: str) -> int:
+        """Where to go on after damage at `position`.
+
+        A record with a wrong length can have swallowed the front of the next chunk, so the
+        search begins where the last thing ended that a checksum or a rejection settled.
+        """
+        following = self._next_chunk(self.settled)
+        self._lose(position if position <= following else self.settled, following, reason)
+        return following
 
     def _begin(self) -> int:
         self.stream.seek(0)
@@ -211,15 +220,21 @@ class _Walk:
     def _take_chunk(self, block: Block, end: int) -> None:
         self._close_run()
         if end > self.size:
+            self.settled = block.record_start + 1
             raise Damage('the file ends inside a chunk')
         self._note_missing_index()
         self.chunks_seen += 1
         self.index_seen = False
+        self.settled = block.record_start + 1
         try:
             self._check(block)
+            self.settled = end
         except Damage as damage:
-            # The two lengths agree, so the record is whole and only its content is not.
             self.index_seen = True
+            if not self._proven_record_at(end):
+                # Bytes are missing or too many: the next chunk may stand within this one.
+                raise
+            self.settled = end
             self._lose(block.record_start, end, str(damage))
 
     def _note_missing_index(self) -> None:
@@ -259,6 +274,24 @@ class _Walk:
             opcode, length = RECORD_PREFIX.unpack(following)
             if not HEADER <= opcode <= DATA_END or length > LONGEST_RECORD:
                 raise Damage('a record that no record follows')
+
+    def _proven_record_at(self, position: int) -> bool:
+        """Does a record that proves its own length, or the end of the file, stand there?"""
+        if position == self.size or self._is_chunk(position):
+            return True
+        self.stream.seek(position)
+        head = self.stream.read(RECORD_PREFIX.size)
+        if len(head) < RECORD_PREFIX.size:
+            return False
+        opcode, length = RECORD_PREFIX.unpack(head)
+        if opcode not in SMALL_RECORDS or length > self.size - position:
+            return False
+        fields = Fields(memoryview(self.stream.read(length)))
+        try:
+            SMALL_RECORDS[opcode](fields)
+        except Damage:
+            return False
+        return fields.position == length
 
     def _check(self, block: Block) -> None:
         """Load a block, verify it and count it; raises Damage."""
@@ -306,6 +339,8 @@ class _Walk:
     def _is_chunk(self, position: int) -> bool:
         self.stream.seek(position)
         head = self.stream.read(RECORD_PREFIX.size + 64)
+        if len(head) < SIGNATURE_BYTES or head[0] != CHUNK:
+            return False
         length = RECORD_PREFIX.unpack_from(head)[1]
         try:
             parse_chunk_header(head[RECORD_PREFIX.size :], position, length, self.size)

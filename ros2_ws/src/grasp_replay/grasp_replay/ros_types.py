@@ -85,7 +85,7 @@ class Decoder:
 
     def decode(self, data: bytes, type_name: str, definition: str, encoding: str) -> Any:
         """A message object with the fields of `type_name`; raises BagError."""
-        store = self._store(type_name, definition, encoding)
+        store = self.store(type_name, definition, encoding)
         try:
             return store.deserialize_cdr(data, type_name)
         except Exception as error:  # foreign bytes: rosbags raises whatever they provoke
@@ -94,7 +94,8 @@ class Decoder:
                 f'{error}); check the bag with `bag_check`'
             ) from error
 
-    def _store(self, type_name: str, definition: str, encoding: str) -> Typestore:
+    def store(self, type_name: str, definition: str, encoding: str) -> Typestore:
+        """The types that a definition in a bag introduces; raises BagError."""
         # The bag's own definition goes first: types change between ROS versions.
         if not definition:
             if type_name in standard_types().types:
@@ -115,3 +116,27 @@ class Decoder:
                 ) from error
             self._stores[key] = store
         return self._stores[key]
+
+
+def type_differs(type_name: str, type_hash: str, definition: str, encoding: str) -> str | None:
+    """Why recorded bytes do not fit the type of this ROS version; None when nothing tells.
+
+    `type_hash` is the recorded RIHS01 hash; without it, it is computed from `definition`.
+    """
+    ours = definition_of(type_name)[1]
+    theirs = type_hash or _hash_of(type_name, definition, encoding)
+    if not ours or not theirs or ours == theirs:
+        return None
+    return (
+        f'its {type_name} was defined differently when it was recorded (hash {theirs[:15]}..., '
+        f'here {ours[:15]}...): its bytes would be misread'
+    )
+
+
+def _hash_of(type_name: str, definition: str, encoding: str) -> str:
+    if not definition:
+        return ''
+    try:
+        return Decoder().store(type_name, definition, encoding).hash_rihs01(type_name)
+    except Exception:  # a definition that cannot be parsed proves nothing
+        return ''

@@ -1,0 +1,213 @@
+"""`bag_check`: what is in a bag, is it sound, and save what can be saved."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from grasp_replay.bag_reader import Bag, bag_files, open_bag, read_metadata
+from grasp_replay.bag_repair import Examination, examine, recover
+from grasp_replay.errors import BagError
+from grasp_replay.progress import progress_bar
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The command line of `bag_check`."""
+    parser = argparse.ArgumentParser(
+        prog='bag_check',
+        description='Tell what is in a bag and if it is sound, reading every byte of it; save '
+        'what is sound of a damaged one.',
+        epilog='exit code: 0 the bag is sound; 1 it is damaged (also when what could be saved was '
+        'saved) or no bag; 2 wrong arguments',
+    )
+    parser.add_argument('bag', type=Path, help='bag directory, .mcap or .db3 file')
+    parser.add_argument(
+        '--recover',
+        type=Path,
+        metavar='DIRECTORY',
+        help='write every message of a complete, undamaged chunk into this new bag',
+    )
+    parser.add_argument('--json', action='store_true', help='print one JSON document on stdout')
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `bag_check`; returns the exit code."""
+    options = build_parser().parse_args(arguments)
+    try:
+        report = check(options.bag, options.recover)
+    except BagError as error:
+        print(f'bag_check: {error}', file=sys.stderr)
+        return 1
+    if options.json:
+        print(json.dumps(report, indent=1))
+    else:
+        _print(report)
+    if not report['sound']:
+        print(f'bag_check: {_verdict(report)}', file=sys.stderr)
+        return 1
+    return 0
+
+
+def check(path: Path, recover_into: Path | None = None) -> dict[str, Any]:
+    """The report that `--json` prints; raises BagError when `path` is no bag at all."""
+    metadata, notes = read_metadata(path)
+    files = bag_files(path, metadata)
+    if all(file.suffix == '.mcap' for file in files) and not metadata.get('compression_mode'):
+        return _check_mcap(path, files, notes, metadata, recover_into)
+    if recover_into is not None:
+        raise BagError(f'{path}: only MCAP files can be recovered; use `sqlite3 FILE .recover`')
+    with open_bag(path) as bag:
+        for _ in bag.messages():
+            pass
+        return _report(path, bag)
+
+
+def _check_mcap(
+    path: Path,
+    files: list[Path],
+    notes: list[str],
+    metadata: dict[str, Any],
+    recover_into: Path | None,
+) -> dict[str, Any]:
+    total = sum(file.stat().st_size for file in files)
+    with progress_bar('reading', total) as show:
+        examination = examine(files, show)
+    if examination.sound:
+        with open_bag(path) as bag:
+            report = _report(path, bag)
+    else:
+        if not any(scan.blocks or scan.definitions.channels for scan in examination.scans):
+            reason = examination.lost[0].reason
+            raise BagError(f'{path} holds nothing that can be read: {reason}')
+        report = _damaged_report(path, examination, notes)
+    unindexed = sum(scan.unindexed_blocks for scan in examination.scans)
+    unchecked = sum(scan.unchecked_blocks for scan in examination.scans)
+    if unindexed:
+        report['notes'].append(
+            f'{unindexed} chunks have no message index, which some players refuse; '
+            '--recover writes a bag that has it'
+        )
+    if unchecked:
+        report['notes'].append(f'{unchecked} chunks carry no checksum: content is not proven')
+    if recover_into is not None:
+        with progress_bar('saving', examination.message_count) as show:
+            saved = recover(examination, recover_into, show)
+        report['recovered'] = {'bag': str(recover_into), 'messages': saved}
+    return report
+
+
+def _report(path: Path, bag: Bag) -> dict[str, Any]:
+    return {
+        'bag': str(path),
+        'sound': True,
+        'storage': bag.storage,
+        'files': [file.name for file in bag.files],
+        'messages': bag.message_count,
+        'start_ns': bag.start,
+        'duration_s': bag.duration,
+        'topics': [
+            {
+                'name': topic.name,
+                'type': topic.type_name,
+                'messages': topic.count,
+                'serialization': topic.encoding,
+            }
+            for topic in sorted(bag.topics.values(), key=lambda topic: topic.name)
+        ],
+        'lost': [],
+        'notes': list(bag.notes),
+    }
+
+
+def _damaged_report(path: Path, examination: Examination, notes: list[str]) -> dict[str, Any]:
+    topics: dict[str, dict[str, Any]] = {}
+    for scan in examination.scans:
+        for channel in scan.definitions.channels.values():
+            schema = scan.definitions.schemas.get(channel.schema_id)
+            topic = topics.setdefault(
+                channel.topic,
+                {
+                    'name': channel.topic,
+                    'type': schema.name if schema else '',
+                    'messages': 0,
+                    'serialization': channel.encoding,
+                },
+            )
+            topic['messages'] += sum(block.counts.get(channel.id, 0) for block in scan.blocks)
+    notes = list(notes)
+    if examination.nameless:
+        notes.append(
+            f'{examination.nameless} sound messages belong to a topic whose definition is lost'
+        )
+    return {
+        'bag': str(path),
+        'sound': False,
+        'storage': 'mcap',
+        'files': [file.name for file in examination.files],
+        'messages': examination.message_count,
+        'messages_lost': None
+        if examination.declared is None
+        else examination.declared - examination.message_count,
+        'start_ns': examination.start,
+        'duration_s': (examination.end - examination.start) * 1e-9,
+        'topics': [topics[name] for name in sorted(topics)],
+        'lost': [
+            {
+                'file': span.file,
+                'first_byte': span.start,
+                'end_byte': span.end,
+                'after_ns': span.after,
+                'before_ns': span.before,
+                'reason': span.reason,
+                'text': span.sentence(examination.start),
+            }
+            for span in examination.lost
+        ],
+        'notes': notes,
+    }
+
+
+def _verdict(report: dict[str, Any]) -> str:
+    spans = '; '.join(span['text'] for span in report['lost'][:3])
+    more = len(report['lost']) - 3
+    if more > 0:
+        spans += f'; and {more} spans more'
+    if 'recovered' in report:
+        saved = report['recovered']
+        outcome = f'{saved["messages"]} messages were saved into {saved["bag"]}'
+    else:
+        outcome = (
+            f'{report["messages"]} messages are sound, save them with --recover NEW_DIRECTORY'
+        )
+    return f'{report["bag"]} is damaged ({spans or report["notes"][-1]}); {outcome}'
+
+
+def _print(report: dict[str, Any]) -> None:
+    console = Console(highlight=False)
+    state = 'sound' if report['sound'] else 'damaged'
+    console.print(
+        f'{report["bag"]}: {state}, {report["storage"]}, {len(report["files"])} file(s), '
+        f'{report["messages"]} messages in {report["duration_s"]:.3f} s',
+        markup=False,
+    )
+    table = Table('topic', 'type', 'messages', box=None)
+    for topic in report['topics']:
+        table.add_row(topic['name'], topic['type'], str(topic['messages']))
+    console.print(table)
+    for note in report['notes']:
+        console.print(f'note: {note}', markup=False)
+    if 'recovered' in report:
+        saved = report['recovered']
+        console.print(f'saved {saved["messages"]} messages into {saved["bag"]}', markup=False)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

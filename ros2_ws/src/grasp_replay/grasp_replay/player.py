@@ -1,0 +1,167 @@
+"""The course of a replay: wait for listeners, send each message at its time, give account.
+
+It speaks to ROS only through `Stage`, so that it runs in tests without any.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from grasp_replay.bag import Bag, Message
+from grasp_replay.cdr import has_header
+from grasp_replay.errors import BagError
+from grasp_replay.lockstep import Lockstep
+from grasp_replay.read_ahead import ReadAhead
+from grasp_replay.replay_core import Control, Tally, Verdict, passages
+from grasp_replay.replay_options import ReplayOptions
+
+# A wait longer than this is interrupted by services; the rest is slept through.
+SHORT_WAIT = 0.002
+# Fast DDS drops what is sent before both sides know each other, even on reliable topics.
+SETTLE_SECONDS = 0.2
+
+
+class Stage(Protocol):
+    """What a player needs of its surroundings; topics by their name in the bag."""
+
+    control: Control
+    changed: threading.Condition
+
+    def topics(self) -> dict[str, str]:
+        """The topics that can be sent, and the names they are sent under."""
+
+    def unmatched(self) -> set[str]:
+        """Those of them that nobody listens to."""
+
+    def send(self, message: Message) -> bool:
+        """Send stored bytes; False when they were refused."""
+
+    def send_clock(self, nanoseconds: int) -> None:
+        """Send `/clock`."""
+
+    def unacknowledged(self, seconds: float) -> list[str]:
+        """Topics whose messages were not all received within `seconds`."""
+
+    def alive(self) -> bool:
+        """False when everything is to end."""
+
+
+class Player:
+    """Sends one bag; use `wait_for_listeners`, `run` and `finish` in this order."""
+
+    def __init__(
+        self, stage: Stage, bag: Bag, options: ReplayOptions, lockstep: Lockstep | None = None
+    ) -> None:
+        self.stage = stage
+        self.bag = bag
+        self.options = options
+        self.tally = Tally(options.late_after)
+        self.unacknowledged: list[str] = []
+        self.lockstep = lockstep
+        self._names = stage.topics()
+        self._stamped = {name: has_header(bag.topics[name].type_name) for name in self._names}
+        self._last_clock = -1
+        self._next_show = 0.0
+
+    def wait_for_listeners(self) -> list[str]:
+        """Wait until the topics have listeners; returns those without, by their sent names.
+
+        Raises BagError when one of `options.wait_for` has none in time.
+        """
+        required = set(self.options.wait_for)
+        unknown = required - set(self._names.values())
+        if unknown:
+            raise BagError(f'--wait-for {", ".join(sorted(unknown))} is not among the topics sent')
+        deadline = time.monotonic() + self.options.wait
+        while self.stage.alive():
+            missing = {self._names[name] for name in self.stage.unmatched()}
+            if not (missing & required if required else missing):
+                break
+            if time.monotonic() >= deadline:
+                if required:
+                    raise BagError(
+                        f'nobody listened to {", ".join(sorted(missing & required))} within '
+                        f'{self.options.wait:g} s'
+                    )
+                break
+            time.sleep(0.01)
+        if self.options.wait > 0 and len(missing) < len(self._names):
+            time.sleep(SETTLE_SECONDS)
+        return sorted(missing)
+
+    def run(self, show: Callable[[float, str], None]) -> None:
+        """Send everything; `show` is told the share done. Raises BagError on damage."""
+        start, stop = self.options.choice.span(self.bag)
+        going = True
+        while going:
+            with self.stage.changed:
+                self.stage.control.pace.jump(start, time.monotonic())
+            source = ReadAhead(passages(self.bag, self.options.choice, set(self._names)))
+            try:
+                for message in source:
+                    self._show(show, message.log_time - start, stop - start)
+                    if not self._wait_and_send(message):
+                        return
+            finally:
+                source.close()
+            going = self.options.loop and self.tally.total > 0
+
+    def finish(self) -> None:
+        """Wait for acknowledgements and note what did not arrive."""
+        self.unacknowledged = self.stage.unacknowledged(self.options.acknowledge_seconds)
+        if self.lockstep is not None:
+            self.tally.lost += self.lockstep.unanswered
+
+    def _show(self, show: Callable[[float, str], None], passed: int, total: int) -> None:
+        now = time.monotonic()
+        if now >= self._next_show:
+            self._next_show = now + 0.25
+            state = 'paused' if self.stage.control.pace.paused else ''
+            show(passed / total, f'{passed * 1e-9:.1f} of {total * 1e-9:.1f} s {state}')
+
+    def _wait_and_send(self, message: Message) -> bool:
+        """Send one message at its time; False when the replay was stopped."""
+        control, changed = self.stage.control, self.stage.changed
+        while self.stage.alive():
+            with changed:
+                now = time.monotonic()
+                stepped = control.pace.paused
+                if self.lockstep is not None and not stepped:
+                    control.pace.jump(message.log_time, now)
+                verdict, wait = control.judge(message.log_time, now)
+                if verdict is Verdict.STOP:
+                    return False
+                if verdict is Verdict.WAIT and wait > SHORT_WAIT:
+                    self._tick_clock(control, now)
+                    changed.wait(min(wait - SHORT_WAIT / 2, 1.0 / (self.options.clock or 4.0)))
+                    continue
+            if verdict is Verdict.SEND:
+                self._send(message, None if stepped or self.lockstep else -wait)
+                return True
+            time.sleep(wait)
+        return False
+
+    def _tick_clock(self, control: Control, now: float) -> None:
+        bag_time = control.pace.bag_time(now)
+        if self.options.clock and not control.pace.paused and bag_time > self._last_clock:
+            self._send_clock(bag_time)
+
+    def _send_clock(self, bag_time: int) -> None:
+        self._last_clock = bag_time
+        self.stage.send_clock(bag_time)
+
+    def _send(self, message: Message, lateness: float | None) -> None:
+        if self.options.clock and message.log_time != self._last_clock:
+            self._send_clock(message.log_time)
+        if self.lockstep is not None:
+            name = self._names[message.topic]
+            self.lockstep.ask(name, message.data, self._stamped[message.topic])
+        if not self.stage.send(message):
+            self.tally.lost += 1
+            return
+        self.tally.add(message.topic, lateness)
+        if self.lockstep is not None:
+            self.lockstep.wait()

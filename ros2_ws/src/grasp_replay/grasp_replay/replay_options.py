@@ -1,0 +1,147 @@
+"""The command line of `replay`: rosbag2's options, and a few that it lacks."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from grasp_replay.errors import BagError
+from grasp_replay.lockstep import LockstepRule, parse_rule
+from grasp_replay.qos import QosProfile, read_overrides
+from grasp_replay.replay_core import Choice, check_rate, parse_remap
+from grasp_replay.topic_selection import TopicSelection, absolute
+
+
+@dataclass(frozen=True)
+class ReplayOptions:
+    """How a bag is replayed; times in s, `clock` in Hz (None: no clock)."""
+
+    bag: Path
+    choice: Choice = field(default_factory=Choice)
+    rate: float = 1.0
+    loop: bool = False
+    delay: float = 0.0
+    start_paused: bool = False
+    clock: float | None = None
+    qos_overrides: dict[str, QosProfile] = field(default_factory=dict)
+    wait: float = 5.0
+    wait_for: tuple[str, ...] = ()
+    late_after: float = 0.005
+    acknowledge_seconds: float = 2.0
+    lockstep: tuple[LockstepRule, ...] = ()
+    lockstep_timeout: float = 10.0
+    json: bool = False
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value < 1e9:
+        raise argparse.ArgumentTypeError(f'{text} is no number of seconds >= 0')
+    return value
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The command line of `replay`."""
+    parser = argparse.ArgumentParser(
+        prog='replay',
+        description='Send a recorded bag to its topics: stored bytes, undecoded, in order.',
+        epilog='services: ~/pause ~/resume ~/toggle_paused ~/step ~/stop (std_srvs/Trigger); '
+        'parameter: rate (bag seconds per second), also while it runs',
+    )
+    add = parser.add_argument
+    add('bag', type=Path, help='bag directory, .mcap or .db3 file')
+    add('-r', '--rate', type=float, default=1.0, help='bag seconds per second (default 1)')
+    add('--topics', nargs='+', default=[], metavar='TOPIC', help='only these')
+    add('-e', '--regex', help='only topics whose whole name matches')
+    add('--exclude-topics', nargs='+', default=[], metavar='TOPIC')
+    add('-x', '--exclude-regex', help='not topics whose whole name matches')
+    add('-m', '--remap', nargs='+', default=[], metavar='OLD:=NEW')
+    add('-l', '--loop', action='store_true', help='begin again at the end')
+    add('-d', '--delay', type=_seconds, default=0.0, metavar='S', help='wait before the start')
+    add('--start-offset', type=_seconds, default=0.0, metavar='S', help='skip the first S seconds')
+    add('--playback-duration', type=_seconds, metavar='S', help='bag seconds to play')
+    add('--playback-until-sec', type=_seconds, metavar='S', help='stop at S seconds of the bag')
+    add('-p', '--start-paused', action='store_true')
+    add(
+        '--clock',
+        nargs='?',
+        type=float,
+        const=40.0,
+        metavar='HZ',
+        help='publish /clock before each message and at this rate between (default 40 Hz)',
+    )
+    add('--qos-profile-overrides-path', type=Path, metavar='FILE', help='YAML, as for rosbag2')
+    add(
+        '--wait',
+        type=_seconds,
+        default=5.0,
+        metavar='S',
+        help='wait at most so long for subscribers of all topics (default 5)',
+    )
+    add('--wait-for', nargs='+', default=[], metavar='TOPIC', help='only these must have one')
+    add('--late-after', type=_seconds, default=0.005, metavar='S', help='late from here on')
+    add(
+        '--wait-for-all-acked',
+        type=_seconds,
+        default=2000.0,
+        metavar='MS',
+        help='at the end, milliseconds to wait until all was received (default 2000)',
+    )
+    add(
+        '--lockstep',
+        nargs='+',
+        default=[],
+        metavar='INPUT:=ANSWER[,ANSWER]',
+        help='unpaced: after each message on INPUT wait until each ANSWER came with its stamp',
+    )
+    add('--lockstep-timeout', type=_seconds, default=10.0, metavar='S')
+    add('--json', action='store_true', help='print the summary as JSON on stdout')
+    return parser
+
+
+def parse_options(arguments: Sequence[str]) -> ReplayOptions:
+    """The options of a command line without ROS arguments; ends the program on wrong ones."""
+    parser = build_parser()
+    given = parser.parse_args(arguments)
+    everything = not (given.topics or given.regex)
+    try:
+        selection = TopicSelection(
+            tuple(given.topics),
+            everything,
+            given.regex,
+            tuple(given.exclude_topics),
+            given.exclude_regex,
+        )
+        if given.clock is not None and not 0.0 < given.clock <= 1e4:
+            raise BagError(f'--clock {given.clock} Hz is not in (0, 10000]')
+        overrides = given.qos_profile_overrides_path
+        return ReplayOptions(
+            bag=given.bag,
+            choice=Choice(
+                selection,
+                parse_remap(given.remap),
+                given.start_offset,
+                given.playback_duration,
+                given.playback_until_sec,
+            ),
+            rate=check_rate(given.rate),
+            loop=given.loop,
+            delay=given.delay,
+            start_paused=given.start_paused,
+            clock=given.clock,
+            qos_overrides={} if overrides is None else read_overrides(overrides),
+            wait=given.wait,
+            wait_for=tuple(map(absolute, given.wait_for)),
+            late_after=given.late_after,
+            acknowledge_seconds=given.wait_for_all_acked * 1e-3,
+            lockstep=tuple(map(parse_rule, given.lockstep)),
+            lockstep_timeout=given.lockstep_timeout,
+            json=given.json,
+        )
+    except re.error as error:
+        parser.error(f'{error.pattern!r} is no regular expression: {error}')
+    except BagError as error:
+        parser.error(str(error))

@@ -21,7 +21,7 @@ setup(
     zip_safe=False,
     maintainer='Shell grasp maintainers',
     maintainer_email='maintainers@users.noreply.h-seed-306f35c0.example',
-    description='BarrettHand driver: strain-gauge finger forces, contact points, emulators of both hands',
+    description='BarrettHand driver: calibrated finger forces, contact points, hand emulators',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

@@ -1,0 +1,97 @@
+"""A BarrettHand that is not there: a BH8-262 on a pty, or a BH8-280 on a CAN channel."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+
+from barrett_hand_bridge.emulator.faults import FAULTS, FaultError, parse_fault
+from barrett_hand_bridge.emulator.mechanics import SCALE_262, HandBody, HandMechanics
+from barrett_hand_bridge.emulator.pty_port import PtyPort
+from barrett_hand_bridge.emulator.serial_hand import SerialHand
+from barrett_hand_bridge.emulator.squeeze import SqueezeError, read_squeezed
+from barrett_hand_bridge.emulator.weighing import weighing_table
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    faults = '; '.join(f'{name}: {text}' for name, text in FAULTS.items())
+    command = argparse.ArgumentParser(prog='hand_emulator', description=__doc__)
+    command.add_argument('--hand', choices=('262', '280'), default='262', help='which hand')
+    command.add_argument(
+        '--object', type=Path, metavar='FILE', help='squeezed object (YAML); default: nothing'
+    )
+    command.add_argument('--seed', type=int, default=1, help='fixes every gauge and its noise')
+    command.add_argument(
+        '--link', type=Path, metavar='PATH', help='name that keeps pointing to the pty (262)'
+    )
+    command.add_argument(
+        '--unpaced', action='store_true', help='bytes take no time instead of 10 bits each (262)'
+    )
+    command.add_argument('--firmware', default='4.4.0', help='firmware version (262), e.g. 4.3.1')
+    command.add_argument(
+        '--fault',
+        action='append',
+        default=[],
+        metavar='KIND@SECONDS[:VALUE]',
+        help=f'a fault that many seconds after start; kinds: {faults}',
+    )
+    command.add_argument(
+        '--weigh',
+        type=Path,
+        metavar='FILE',
+        help='hang known weights on the gauges, write the table (CSV), then go on',
+    )
+    command.add_argument(
+        '--once', action='store_true', help='leave after --weigh instead of serving'
+    )
+    command.add_argument(
+        '--json', action='store_true', help='say where the hand is as one JSON line'
+    )
+    return command
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Serve until SIGINT or SIGTERM; returns the exit code."""
+    options = parser().parse_args(arguments)
+    try:
+        return _serve(options)
+    except (SqueezeError, FaultError, OSError, ValueError) as error:
+        print(f'hand_emulator: {error}', file=sys.stderr)
+        return 1
+
+
+def _serve(options: argparse.Namespace) -> int:
+    squeezed = None if options.object is None else read_squeezed(options.object)
+    faults = [parse_fault(text) for text in options.fault]
+    mechanics = HandMechanics(HandBody(scale=SCALE_262), options.seed, squeezed)
+    if options.weigh is not None:
+        lines = weighing_table(mechanics, options.seed)
+        options.weigh.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+        if options.once:
+            return 0
+    major, minor, patch = (int(part) for part in options.firmware.split('.'))
+    port = PtyPort(
+        SerialHand(mechanics, firmware=(major, minor, patch), serial_number=options.seed),
+        paced=not options.unpaced,
+        link=options.link,
+        faults=faults,
+    )
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    port.start()
+    where = str(options.link or port.path)
+    print(json.dumps({'port': where}) if options.json else f'BH8-262 on {where}', flush=True)
+    ended.wait()
+    port.stop()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,237 @@
+"""The object an emulated hand squeezes: force-displacement tables and where the contacts are.
+
+Two arrangements: `Pinched`, an object free to move between two opposing pins (the ball of the
+paper), and `Supported`, contacts fixed in the hand frame (an object standing on something).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from barrett_hand_bridge.emulator.geometry import Vector, dot, scale, subtract, unit
+
+
+class SqueezeError(ValueError):
+    """An object description that cannot be used; the message says what and where."""
+
+
+@dataclass(frozen=True)
+class ForceTable:
+    """Force on a contact against its displacement: both rise strictly from (0, 0). m and N."""
+
+    displacement_m: tuple[float, ...]
+    force_n: tuple[float, ...]
+    name: str = 'force table'
+
+    def __post_init__(self) -> None:
+        d, f = np.asarray(self.displacement_m), np.asarray(self.force_n)
+        if d.shape != f.shape or d.size < 2:
+            raise SqueezeError(f'{self.name}: needs two equally long columns of at least 2 rows')
+        if not (np.isfinite(d).all() and np.isfinite(f).all()):
+            raise SqueezeError(f'{self.name}: holds a number that is not finite')
+        if d[0] != 0.0 or f[0] != 0.0 or (np.diff(d) <= 0).any() or (np.diff(f) <= 0).any():
+            raise SqueezeError(
+                f'{self.name}: both columns must start at 0 and rise strictly (displacement in m, '
+                'force in N); an object that snaps cannot be held by a position-controlled finger'
+            )
+
+    def displacement(self, force_n: float) -> float:
+        """Displacement in m at a force in N; the last slope goes on beyond the table."""
+        return _along(self.force_n, self.displacement_m, force_n)
+
+    def force(self, displacement_m: float) -> float:
+        """Force in N at a displacement in m (0 when not touching)."""
+        return max(_along(self.displacement_m, self.force_n, displacement_m), 0.0)
+
+
+def _along(x: tuple[float, ...], y: tuple[float, ...], at: float) -> float:
+    if at > x[-1]:
+        slope = (y[-1] - y[-2]) / (x[-1] - x[-2])
+        return y[-1] + slope * (at - x[-1])
+    return float(np.interp(at, x, y))
+
+
+@dataclass(frozen=True)
+class Pinched:
+    """An object of `width_m` between the pins of two fingers, free to follow them."""
+
+    fingers: tuple[int, int]
+    width_m: float
+    table: ForceTable
+
+
+@dataclass(frozen=True)
+class Supported:
+    """An object that stands: per finger a point on its outer face and the inward unit normal."""
+
+    points: Mapping[int, Vector]
+    normals: Mapping[int, Vector]
+    table: ForceTable
+
+
+Squeezed = Pinched | Supported
+
+
+@dataclass(frozen=True)
+class ContactLoad:
+    """The load of one finger: force on the finger (N, hand frame), its size, displacement (m)."""
+
+    on_finger: Vector
+    force_n: float
+    displacement_m: float
+    inward: Vector
+
+
+NO_LOAD = ContactLoad((0.0, 0.0, 0.0), 0.0, 0.0, (0.0, 0.0, 0.0))
+
+# Given a force in N per finger: where the pin tips then are, links bent back by that force.
+PinTips = Callable[[Mapping[int, float], Mapping[int, Vector]], Mapping[int, Vector]]
+
+
+def contact_loads(squeezed: Squeezed | None, tips: PinTips) -> dict[int, ContactLoad]:
+    """Loads of all touching fingers in equilibrium with the yielding of the fingers' tendons."""
+    if squeezed is None:
+        return {}
+    if isinstance(squeezed, Pinched):
+        return _pinch(squeezed, tips)
+    loads: dict[int, ContactLoad] = {}
+    for finger, point in squeezed.points.items():
+        normal = squeezed.normals[finger]
+
+        def overlap(
+            force: float, finger: int = finger, n: Vector = normal, p: Vector = point
+        ) -> float:
+            tip = tips({finger: force}, {finger: n})[finger]
+            return dot(subtract(tip, p), n) - squeezed.table.displacement(force)
+
+        force = _rising_force(overlap)
+        if force > 0.0:
+            loads[finger] = ContactLoad(
+                scale(normal, -force), force, squeezed.table.displacement(force), normal
+            )
+    return loads
+
+
+def _pinch(squeezed: Pinched, tips: PinTips) -> dict[int, ContactLoad]:
+    first, second = squeezed.fingers
+
+    def directions(at: Mapping[int, Vector]) -> dict[int, Vector]:
+        line = unit(subtract(at[second], at[first]))
+        return {first: line, second: scale(line, -1.0)}
+
+    free = tips({}, {})
+    inward = directions(free)
+
+    def overlap(force: float) -> float:
+        at = tips({first: force, second: force}, inward)
+        gap = subtract(at[second], at[first])
+        return squeezed.width_m - math.sqrt(dot(gap, gap)) - 2 * squeezed.table.displacement(force)
+
+    force = _rising_force(overlap)
+    if force <= 0.0:
+        return {}
+    inward = directions(tips({first: force, second: force}, inward))
+    displacement = squeezed.table.displacement(force)
+    return {
+        finger: ContactLoad(scale(n, -force), force, displacement, n)
+        for finger, n in inward.items()
+    }
+
+
+def _rising_force(overlap: Callable[[float], float]) -> float:
+    """The force in N at which a falling overlap (m) reaches zero; 0 if it starts below zero."""
+    at_low = overlap(0.0)
+    if at_low <= 0.0:
+        return 0.0
+    low, high = 0.0, 4.0
+    at_high = overlap(high)
+    while at_high > 0.0:
+        low, at_low = high, at_high
+        high *= 2.0
+        if high > 1e4:
+            raise SqueezeError('the fingers meet inside the object: it yields without end')
+        at_high = overlap(high)
+    for _ in range(60):
+        guess = high - at_high * (high - low) / (at_high - at_low)
+        guess = min(max(guess, low + 0.05 * (high - low)), high - 0.05 * (high - low))
+        value = overlap(guess)
+        if value > 0.0:
+            low, at_low = guess, value
+        else:
+            high, at_high = guess, value
+        if abs(value) < 1e-10 or high - low < 1e-10:
+            break
+    return 0.5 * (low + high)
+
+
+def read_force_table(path: Path) -> ForceTable:
+    """Read a CSV with the header `displacement_m,force_n`.
+
+    Raises:
+        SqueezeError: the file is missing, has another header, or its columns do not rise.
+    """
+    try:
+        lines = path.read_text(encoding='utf-8').split()
+    except (OSError, UnicodeDecodeError) as error:
+        raise SqueezeError(f'{path}: cannot be read ({error})') from error
+    if not lines or lines[0] != 'displacement_m,force_n':
+        raise SqueezeError(f'{path}: the first line must be "displacement_m,force_n"')
+    try:
+        rows = [tuple(float(value) for value in line.split(',')) for line in lines[1:]]
+        displacement, force = zip(*rows, strict=True)
+    except ValueError as error:
+        raise SqueezeError(f'{path}: every row needs two numbers ({error})') from error
+    return ForceTable(displacement, force, str(path))
+
+
+def read_squeezed(path: Path) -> Squeezed:
+    """Read a squeezed object from YAML.
+
+    Keys: `table` (CSV beside the file) or `displacement_m` and `force_n` (lists), and either
+    `pinched: {fingers: [1, 2], width_m: 0.065}` or
+    `supported: {1: {point_m: [x, y, z], inward_normal: [x, y, z]}}`.
+
+    Raises:
+        SqueezeError: the file is missing or does not describe an object.
+    """
+    try:
+        document = yaml.safe_load(path.read_text(encoding='utf-8'))
+        if not isinstance(document, dict):
+            raise SqueezeError(f'{path}: not a mapping')
+        return _squeezed(document, path)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise SqueezeError(f'{path}: cannot be read ({error})') from error
+    except (KeyError, TypeError, ValueError) as error:
+        if isinstance(error, SqueezeError):
+            raise
+        raise SqueezeError(f'{path}: missing or wrong value ({error!r})') from error
+
+
+def _squeezed(document: dict[str, Any], path: Path) -> Squeezed:
+    if 'table' in document:
+        table = read_force_table(path.parent / str(document['table']))
+    else:
+        table = ForceTable(
+            tuple(float(v) for v in document['displacement_m']),
+            tuple(float(v) for v in document['force_n']),
+            str(path),
+        )
+    if 'pinched' in document:
+        first, second = (int(v) for v in document['pinched']['fingers'])
+        return Pinched((first, second), float(document['pinched']['width_m']), table)
+    contacts = document['supported']
+    points: dict[int, Vector] = {}
+    normals: dict[int, Vector] = {}
+    for finger, contact in contacts.items():
+        x, y, z = (float(v) for v in contact['point_m'])
+        points[int(finger)] = (x, y, z)
+        x, y, z = (float(v) for v in contact['inward_normal'])
+        normals[int(finger)] = unit((x, y, z))
+    return Supported(points, normals, table)

@@ -1,0 +1,180 @@
+"""Fitting a gauge's law to known weights, with what the fit leaves over."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from barrett_hand_bridge.calibration import CalibrationError, GaugeCalibration
+from barrett_hand_bridge.hand import FINGERS
+from barrett_hand_bridge.kinematics import GRAVITY_M_PER_S2, Array
+
+HEADER = 'finger,mass_kg,arm_m,counts,noise_counts'
+
+
+@dataclass(frozen=True)
+class Weighing:
+    """One known weight on one finger: its torque about joint 3, the mean and noise in counts."""
+
+    torque_nm: float
+    counts: float
+    noise_counts: float
+
+
+@dataclass(frozen=True)
+class GaugeFit:
+    """A fitted gauge and the residual torque of each weighing in N m."""
+
+    gauge: GaugeCalibration
+    weighings: tuple[Weighing, ...]
+    residuals_nm: tuple[float, ...]
+
+
+def read_weighings(path: Path) -> dict[int, list[Weighing]]:
+    """Read a CSV table of known weights.
+
+    Header `finger,mass_kg,arm_m,counts,noise_counts`: a mass hung (negative: pulling the finger
+    closed) at a horizontal arm from joint 3, the mean count and the standard deviation of single
+    readings. Lines that start with # are comments.
+
+    Raises:
+        CalibrationError: missing file, other header, or a row that cannot be read, with its line.
+    """
+    try:
+        lines = path.read_text(encoding='utf-8').splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise CalibrationError(f'{path}: cannot be read ({error})') from error
+    rows = [
+        (number, line.strip())
+        for number, line in enumerate(lines, start=1)
+        if line.strip() and not line.lstrip().startswith('#')
+    ]
+    if not rows or rows[0][1].replace(' ', '') != HEADER:
+        raise CalibrationError(f'{path}: the first line must be {HEADER!r}')
+    table: dict[int, list[Weighing]] = {finger: [] for finger in FINGERS}
+    for number, line in rows[1:]:
+        try:
+            finger_text, *numbers = line.split(',')
+            finger = int(finger_text)
+            mass, arm, counts, noise = (float(text) for text in numbers)
+        except ValueError as error:
+            raise CalibrationError(f'{path} line {number}: {line!r} ({error})') from error
+        if finger not in FINGERS:
+            raise CalibrationError(f'{path} line {number}: finger {finger}, must be 1, 2 or 3')
+        if not all(math.isfinite(value) for value in (mass, arm, counts, noise)) or noise < 0.0:
+            raise CalibrationError(f'{path} line {number}: {line!r} holds an impossible number')
+        table[finger].append(Weighing(mass * arm * GRAVITY_M_PER_S2, counts, noise))
+    return table
+
+
+def fit_gauge(
+    weighings: Sequence[Weighing],
+    *,
+    kind: str = 'cubic',
+    degree: int = 3,
+    zero: str = 'difference',
+) -> GaugeFit:
+    """Fit one gauge: a polynomial of `degree`, or a table of the mean counts themselves.
+
+    Raises:
+        CalibrationError: too few weights, none without load, or a law that does not rise.
+    """
+    needed = degree + 2 if kind == 'cubic' else 3
+    if len({round(w.torque_nm, 9) for w in weighings}) < needed:
+        raise CalibrationError(f'{len(weighings)} weighings: this fit needs {needed} weights')
+    torque = np.array([w.torque_nm for w in weighings])
+    counts = np.array([w.counts for w in weighings])
+    unloaded = counts[np.abs(torque) < 1e-9]
+    if unloaded.size == 0:
+        raise CalibrationError('no weighing without load: one row must have mass 0')
+    reference = float(unloaded.mean())
+    noise = float(np.sqrt(np.mean([w.noise_counts**2 for w in weighings])))
+    span = float(np.ptp(counts))
+    if span <= 0.0:
+        raise CalibrationError('all weighings show the same count: is the gauge connected?')
+    coefficients: tuple[float, ...] = ()
+    table_counts: tuple[float, ...] = ()
+    table_torque: tuple[float, ...] = ()
+    if kind == 'cubic':
+        coefficients, relative = _polynomial(counts, torque, reference, span, degree)
+        freedom = max(len(weighings) - degree - 1, 1)
+    else:
+        levels = sorted({w.torque_nm for w in weighings})
+        means = [float(counts[torque == level].mean()) for level in levels]
+        if np.any(np.diff(means) <= 0.0):
+            raise CalibrationError('counts do not rise with the torque: check the signs of masses')
+        table_counts, table_torque = tuple(means), tuple(levels)
+        relative = 1.0 / (math.sqrt(12.0) * span)
+        freedom = max(len(weighings) - len(levels), 1)
+    law = GaugeCalibration(
+        kind=kind,
+        coefficients_nm=coefficients,
+        counts=table_counts,
+        torque_nm=table_torque,
+        zero=zero,
+        reference_counts=reference,
+    )
+    residuals = [law.law(w.counts) - w.torque_nm for w in weighings]
+    if law.slope(reference, reference) <= 0.0:
+        raise CalibrationError('torque falls with rising counts: check the signs of the masses')
+    wide = 0.25 * span
+    gauge = GaugeCalibration(
+        kind=kind,
+        coefficients_nm=coefficients,
+        counts=table_counts,
+        torque_nm=table_torque,
+        zero=zero,
+        reference_counts=reference,
+        no_load_counts=(reference - wide, reference + wide),
+        noise_counts=max(math.sqrt(max(noise**2 - 1.0 / 12.0, 0.0)), 0.0),
+        residual_nm=math.sqrt(sum(r * r for r in residuals) / freedom),
+        relative_sigma=relative,
+        valid_torque_nm=float(np.abs(torque).max()),
+    )
+    return GaugeFit(gauge, tuple(weighings), tuple(residuals))
+
+
+def _polynomial(
+    counts: Array, torque: Array, reference: float, span: float, degree: int
+) -> tuple[tuple[float, ...], float]:
+    """Coefficients in powers of the raw count, and the relative sigma at the largest torque."""
+    scaled = (counts - reference) / span
+    design = np.vander(scaled, degree + 1, increasing=True)
+    solution, _, rank, _ = np.linalg.lstsq(design, torque, rcond=None)
+    if rank < degree + 1:
+        raise CalibrationError('the weights are too alike for this fit: use more different ones')
+    left = torque - design @ solution
+    variance = float(left @ left) / max(len(torque) - degree - 1, 1)
+    covariance = variance * np.linalg.inv(design.T @ design)
+    largest = int(np.argmax(np.abs(torque)))
+    row = design[largest]
+    relative = math.sqrt(float(row @ covariance @ row)) / abs(float(torque[largest]))
+    law = np.polynomial.Polynomial(solution)(
+        np.polynomial.Polynomial([-reference / span, 1 / span])
+    )
+    return tuple(float(c) for c in law.coef), relative
+
+
+def fit_hand(
+    table: Mapping[int, Sequence[Weighing]], *, kind: str, degree: int, zero: str
+) -> dict[int, GaugeFit]:
+    """Fit every finger that has weighings.
+
+    Raises:
+        CalibrationError: with the finger's number in front.
+    """
+    fits: dict[int, GaugeFit] = {}
+    for finger, weighings in table.items():
+        if not weighings:
+            continue
+        try:
+            fits[finger] = fit_gauge(weighings, kind=kind, degree=degree, zero=zero)
+        except CalibrationError as error:
+            raise CalibrationError(f'finger {finger}: {error}') from error
+    if not fits:
+        raise CalibrationError('the table holds no weighings')
+    return fits

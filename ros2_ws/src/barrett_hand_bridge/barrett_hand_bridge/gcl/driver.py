@@ -1,0 +1,337 @@
+"""Driver of a BH8-262 over RS-232: Supervisory set-up, then RealTime cycles."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Mapping
+
+import serial
+
+from barrett_hand_bridge.gcl import language
+from barrett_hand_bridge.gcl.language import (
+    CONTROL_C,
+    LOOP_ACCEPTED,
+    HandLinkError,
+    HandRefusedError,
+)
+from barrett_hand_bridge.gcl.line import Line, Port
+from barrett_hand_bridge.gcl.realtime import (
+    ACKNOWLEDGE,
+    HEADER_FEEDBACK,
+    BlockError,
+    Feedback,
+    Layout,
+    decode_feedback,
+    default_layout,
+    encode_control,
+)
+from barrett_hand_bridge.hand import (
+    ENCODER_262,
+    FINGERS,
+    SPREAD,
+    HandError,
+    HandFacts,
+    HandNotInitialisedError,
+    HandSample,
+)
+
+NOT_INITIALISED = 4
+INITIALISE_TIMEOUT_S = 20.0
+NO_GAUGE_COUNTS = 255
+PATIENCE_S = 0.25
+LATE_PERIODS = 2.8
+
+
+def open_port(name: str) -> Port:
+    """Open a serial port as the hand expects it after power-up: 9600 baud, 8N1, no handshake.
+
+    Raises:
+        HandError: the port does not exist, is in use, or may not be opened.
+    """
+    try:
+        return serial.Serial(name, 9600, timeout=1.0, write_timeout=5.0, exclusive=True)
+    except (serial.SerialException, OSError, ValueError) as error:
+        raise HandError(
+            f'serial port {name!r} cannot be opened ({error}): check parameter port, the cable '
+            'and the rights on the device'
+        ) from error
+
+
+class SerialHand:
+    """A BH8-262. One thread uses it; `abort` may come from another."""
+
+    def __init__(
+        self,
+        open_line: Callable[[], Port],
+        *,
+        clock_ns: Callable[[], int] = time.time_ns,
+        baud: int = 38400,
+        servo_sample_s: float = 0.01,
+        breakaway: bool = False,
+        temperature_bytes: int | None = None,
+        prefetch: bool = True,
+    ) -> None:
+        """A driver that is not connected yet.
+
+        `prefetch`: ask for the next block as soon as one is complete, so that it travels while the
+        last one is digested; commands then take effect one cycle later.
+
+        `servo_sample_s`: the period to which the hand's velocities in counts per sample refer.
+        `temperature_bytes`: None leaves the temperature out of the blocks; 1 or 2 asks for it.
+        """
+        if baud not in language.BAUD_RATES:
+            raise HandError(f'baud {baud}: the hand knows 9600, 19200 and 38400')
+        self.late: Callable[[], None] = lambda: None
+        self._open_line = open_line
+        self._clock_ns = clock_ns
+        self._baud = baud
+        self._servo_sample_s = servo_sample_s
+        self._line: Line | None = None
+        layout = default_layout(breakaway=breakaway)
+        self.layout = Layout(
+            layout.motors, temperature_bytes or 0, velocity_coefficient=layout.velocity_coefficient
+        )
+        self._prefetch = prefetch
+        self._asked = False
+        self._looping = False
+        self._flipped = dict.fromkeys(FINGERS, False)
+        self._seen_gauge = dict.fromkeys(FINGERS, False)
+        self._aborting = False
+        self.resynchronisations = 0
+
+    @property
+    def cycle_s(self) -> float:
+        """Time of one cycle on the wire, a request and its feedback in strict alternation."""
+        return (1 + self.layout.feedback_bytes) * 10.0 / self._baud
+
+    def _connected(self) -> Line:
+        if self._line is None:
+            raise HandError('the hand is not connected')
+        return self._line
+
+    def connect(self) -> HandFacts:
+        """Find the hand at any line speed, set the wanted one, read what it is.
+
+        Raises:
+            HandError: no port, or no hand that answers on it.
+        """
+        self.close()
+        port = self._open_line()
+        line = Line(port)
+        try:
+            speeds = (9600, *(speed for speed in (self._baud, 38400, 19200) if speed != 9600))
+            line.find_speed(tuple(dict.fromkeys(speeds)))
+            line.change_speed(self._baud)
+            firmware = language.parse_firmware(line.command('VERS').values)
+            serial_number = line.command('PGET SN').integers(1)[0]
+            flips = line.command('GFGET SGFLIP').integers(3)
+            self._flipped = {finger: bool(flips[finger - 1]) for finger in FINGERS}
+            self._configure(line)
+        except (HandLinkError, serial.SerialException, OSError) as error:
+            with contextlib.suppress(serial.SerialException, OSError):
+                port.close()
+            raise HandError(f'no BarrettHand answers on the serial line: {error}') from error
+        self._line = line
+        self._seen_gauge = dict.fromkeys(FINGERS, False)
+        return HandFacts(
+            model='BH8-262',
+            firmware='.'.join(str(part) for part in firmware),
+            serial_number=str(serial_number),
+            encoder=ENCODER_262,
+            highest_gauge_count=255,
+            ceiling_hz=1.0 / self.cycle_s,
+        )
+
+    def _configure(self, line: Line) -> None:
+        for motor, block in self.layout.motors.items():
+            pairs = ' '.join(f'{name} {value}' for name, value in block.parameters().items())
+            coefficient = self.layout.velocity_coefficient
+            line.command(f'{motor}FSET {pairs} LCVC {coefficient}')
+        line.command(f'PSET LFT {int(self.layout.temperature_bytes > 0)} LFDPD 0')
+
+    def initialize(self) -> None:
+        """Run HI: all motors find their zero. Takes seconds.
+
+        Raises:
+            HandError: the hand reports an error or does not finish.
+        """
+        try:
+            self._leave_loop()
+            self._connected().command('HI', INITIALISE_TIMEOUT_S)
+        except (HandLinkError, serial.SerialException, OSError) as error:
+            raise HandError(f'initialisation failed: {error}') from error
+        finally:
+            self._aborting = False
+
+    def sample(self, velocities: Mapping[int, float] | None) -> HandSample:
+        """One RealTime cycle; enters RealTime mode first where needed.
+
+        Raises:
+            HandNotInitialisedError: the hand wants HI first.
+            HandError: the link is lost or the hand ended RealTime mode; call again or `connect`.
+        """
+        try:
+            if not self._looping:
+                self._enter_loop()
+            request = (
+                HEADER_FEEDBACK
+                if velocities is None
+                else encode_control(
+                    self.layout,
+                    {motor: self._per_sample(motor, v) for motor, v in velocities.items()},
+                )
+            )
+            return self._cycle(request)
+        except HandRefusedError as refused:
+            self._looping = False
+            if refused.status & NOT_INITIALISED:
+                raise HandNotInitialisedError(
+                    'the hand is not initialised: call hand/initialize (its fingers will open)'
+                ) from refused
+            raise HandError(f'the hand ended RealTime mode: {refused}') from refused
+        except (HandLinkError, BlockError) as error:
+            self._recover()
+            raise HandError(f'resynchronised with the hand after: {error}') from error
+        except (serial.SerialException, OSError, TypeError) as error:
+            # pyserial answers a TypeError when another thread closes the port under a read.
+            self._looping = False
+            raise HandError(f'the serial line is gone: {error}') from error
+
+    def _per_sample(self, motor: int, velocity_rad_s: float) -> float:
+        scale = ENCODER_262
+        per_count = scale.spread_rad_per_count if motor == SPREAD else scale.finger_rad_per_count
+        highest = self.layout.highest_velocity
+        counts = velocity_rad_s / per_count * self._servo_sample_s
+        return min(max(counts, -highest), highest)
+
+    def _enter_loop(self) -> None:
+        line = self._connected()
+        motors = ''.join(str(motor) for motor in sorted(self.layout.motors))
+        command = f'{motors}LOOP'
+        line.port.write(command.encode() + b'\r')
+        line.port.timeout = 1.0
+        answer = line.port.read(len(command) + 1)
+        if answer != command.encode() + LOOP_ACCEPTED:
+            answer += line.until_prompt()
+            reply = language.parse_reply(command, answer)
+            raise HandRefusedError(command, reply.status or NOT_INITIALISED)
+        self._looping, self._asked = True, False
+
+    def _cycle(self, request: bytes) -> HandSample:
+        line = self._connected()
+        port = line.port
+        size = self.layout.feedback_bytes
+        if not self._asked:
+            port.write(request)
+        self._asked = False
+        # One wake-up for the acknowledge byte gives the stamp; the rest follows back to back.
+        port.timeout = LATE_PERIODS * self.cycle_s
+        data = port.read(1)
+        stamp_ns = self._clock_ns()
+        if not data:
+            self.late()
+            port.timeout = PATIENCE_S
+            data = port.read(1)
+            stamp_ns = self._clock_ns()
+        if data and data[0] != ACKNOWLEDGE:
+            status = language.parse_loop_end(data + line.until_prompt())
+            raise HandRefusedError('LOOP', status)
+        port.timeout = size * line.byte_s + 0.02
+        data += port.read(size - 1)
+        if len(data) < size:
+            self.late()
+            port.timeout = PATIENCE_S
+            data += port.read(size - len(data))
+        if len(data) < size:
+            raise HandLinkError(f'{len(data)} of {size} bytes of a feedback block came')
+        if port.in_waiting:
+            raise HandLinkError('bytes nobody asked for follow a feedback block')
+        sample = self._sample(decode_feedback(self.layout, data), stamp_ns)
+        if self._prefetch:
+            port.write(request)
+            self._asked = True
+        return sample
+
+    def _sample(self, feedback: Feedback, stamp_ns: int) -> HandSample:
+        fingers = [feedback.motors[finger] for finger in FINGERS]
+        positions = [finger.position or 0 for finger in fingers]
+        gauges = [self._gauge(n, feedback.motors[n].strain) for n in FINGERS]
+        broken = [finger.breakaway or None for finger in fingers]
+        return HandSample(
+            stamp_ns=stamp_ns,
+            finger_counts=(positions[0], positions[1], positions[2]),
+            spread_counts=feedback.motors[SPREAD].position or 0,
+            gauge_counts=(gauges[0], gauges[1], gauges[2]),
+            breakaway_counts=(broken[0], broken[1], broken[2]),
+            temperature_c=feedback.temperature_c,
+        )
+
+    def _gauge(self, finger: int, strain: int | None) -> int | None:
+        """The reading with rising counts for rising torque; None while nothing but 255 came.
+
+        255 means "no gauge fitted" as well as "saturated": a gauge that has once shown less is
+        fitted, and its 255 is then a saturation.
+        """
+        if strain is None:
+            return None
+        if strain != NO_GAUGE_COUNTS:
+            self._seen_gauge[finger] = True
+        if not self._seen_gauge[finger]:
+            return None
+        return NO_GAUGE_COUNTS - strain if self._flipped[finger] else strain
+
+    def _leave_loop(self) -> None:
+        if self._looping:
+            self._looping = False
+            self._connected().resynchronise()
+
+    def _recover(self) -> None:
+        """Back to a prompt after garbage; the motors stop with RealTime mode."""
+        self._looping = False
+        self.resynchronisations += 1
+        try:
+            self._connected().resynchronise()
+        except (HandLinkError, serial.SerialException, OSError, TypeError) as error:
+            raise HandError(f'the hand no longer answers: {error}') from error
+
+    def limit_force(self, counts: Mapping[int, int | None]) -> None:
+        """Set HSG per finger: the hand itself stops closing above that reading.
+
+        Raises:
+            HandError: the hand refuses or does not answer.
+        """
+        try:
+            self._leave_loop()
+            for finger, limit in counts.items():
+                value = 256 if limit is None else min(max(limit, 0), 254)
+                self._connected().command(f'{finger}FSET HSG {value}')
+        except (HandLinkError, serial.SerialException, OSError) as error:
+            raise HandError(f'the strain limit cannot be set: {error}') from error
+
+    def stop(self) -> None:
+        """Leave RealTime mode: the motors stop, the prompt returns.
+
+        Raises:
+            HandError: the hand does not answer.
+        """
+        self._recover()
+
+    def abort(self) -> None:
+        """Send Ctrl-C from another thread: a motion or RealTime mode ends at once."""
+        line = self._line
+        self._aborting = True
+        if line is not None:
+            with contextlib.suppress(serial.SerialException, OSError, TypeError):
+                line.port.write(CONTROL_C)
+
+    def close(self) -> None:
+        """Stop the motors and let go of the port."""
+        line, self._line, self._looping = self._line, None, False
+        if line is None:
+            return
+        with contextlib.suppress(HandLinkError, serial.SerialException, OSError, TypeError):
+            line.port.write(CONTROL_C)
+            line.drain()
+        with contextlib.suppress(serial.SerialException, OSError, TypeError):
+            line.port.close()

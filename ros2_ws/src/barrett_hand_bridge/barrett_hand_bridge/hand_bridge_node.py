@@ -1,0 +1,536 @@
+"""The `hand_bridge` node: a BarrettHand on its wire, its contacts on topics."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections import deque
+from collections.abc import Awaitable, Callable, Generator, Sequence
+from concurrent.futures import Future
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.clock import ClockType
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from barrett_hand_bridge import assembly, messages, parameters
+from barrett_hand_bridge.calibration import CalibrationError, HandCalibration
+from barrett_hand_bridge.contacts import (
+    FLAG_CONTACT,
+    FLAG_FAULT,
+    FLAG_NO_GAUGE,
+    FLAG_NOT_TARED,
+    FLAG_SATURATED,
+    FLAG_STALE,
+)
+from barrett_hand_bridge.hand import FINGERS, HandError, HandFacts
+from barrett_hand_bridge.motion import Closing, Following, MotionError, Opening
+from barrett_hand_bridge.observer import HandObserver, Observation
+from barrett_hand_bridge.own_emulator import OwnEmulator
+from barrett_hand_bridge.parameters import ParameterError
+from barrett_hand_bridge.statistics import Delays, Rate
+from barrett_hand_bridge.worker import (
+    Connected,
+    Disturbed,
+    Event,
+    HandWorker,
+    Late,
+    Lost,
+    NotReady,
+    Observed,
+    Outcome,
+)
+
+STREAM = QoSProfile(depth=100)
+PAUSE_S = 0.0005
+
+
+class _Turn:
+    """Gives the executor one turn while a service waits."""
+
+    def __await__(self) -> Generator[None, None, None]:
+        yield
+
+
+class HandBridge(LifecycleNode):
+    """Publishes what the hand feels; obeys the hand services."""
+
+    def __init__(self) -> None:
+        """Declare parameters; nothing is opened before `configure`."""
+        super().__init__('hand_bridge')
+        for parameter in parameters.PARAMETERS:
+            self.declare_parameter(parameter.name, parameter.default, _descriptor(parameter))
+        self.add_on_set_parameters_callback(self._on_set_parameters)
+        self.failure: str | None = None
+        self._worker: HandWorker | None = None
+        self._emulator: OwnEmulator | None = None
+        self._calibration: HandCalibration | None = None
+        self._events: deque[tuple[int, Event]] = deque(maxlen=2000)
+        self._guard = self.create_guard_condition(self._on_events)
+        self._latest: Observation | None = None
+        self._facts: HandFacts | None = None
+        self._state = 'NO_HAND'
+        self._reason = ''
+        self._active = False
+        self._rate = Rate()
+        self._delays = Delays()
+        self._losses = 0
+        self._lates = 0
+        self._motion_text = ''
+        self._steady = rclpy.clock.Clock(clock_type=ClockType.STEADY_TIME)
+
+    def values(self) -> dict[str, Any]:
+        """All parameter values by name, arrays as lists."""
+        found = {}
+        for parameter in parameters.PARAMETERS:
+            value = self.get_parameter(parameter.name).value
+            found[parameter.name] = list(value) if hasattr(value, 'typecode') else value
+        return found
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Read the calibration, make publishers and services, start talking to the hand."""
+        try:
+            values = self.values()
+            parameters.check_all(values)
+            port = values['port']
+            if values['backend'] == 'emulator':
+                self._emulator = OwnEmulator(values['emulator_object'], values['emulator_seed'])
+                port = self._emulator.port
+            if self._emulator is not None and not values['calibration']:
+                self._calibration = self._emulator.calibration
+            else:
+                self._calibration = assembly.load_calibration(values['calibration'])
+            hand = assembly.make_hand(values, port, self._now_ns)
+        except (ParameterError, CalibrationError, HandError) as error:
+            self._fail(str(error))
+            self._release()
+            return TransitionCallbackReturn.FAILURE
+        self._values = values
+        self._make_interfaces()
+        self._worker = HandWorker(
+            hand,
+            self._make_observer,
+            self._tell,
+            strain_limit_nm=values['torque_limit'],
+            paced_by_ticks=values['poll_period'] > 0.0,
+        )
+        self._worker.start()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _make_interfaces(self) -> None:
+        self._contacts = self.create_lifecycle_publisher(PointCloud2, 'hand/contacts', STREAM)
+        self._joints = self.create_lifecycle_publisher(JointState, 'hand/joint_states', STREAM)
+        self._wrenches = {
+            finger: self.create_lifecycle_publisher(
+                WrenchStamped, f'hand/finger_{finger}/wrench', STREAM
+            )
+            for finger in FINGERS
+        }
+        self._counts = {
+            finger: self.create_lifecycle_publisher(
+                Float64, f'hand/finger_{finger}/gauge_counts', STREAM
+            )
+            for finger in FINGERS
+        }
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics_timer = self.create_timer(1.0, self._on_diagnostics, clock=self._steady)
+        services: dict[str, Callable[[], Awaitable[Outcome]]] = {
+            'tare': lambda: self._ask('tare'),
+            'initialize': lambda: self._ask('initialize'),
+            'stop': lambda: self._ask('stop'),
+            'open': self._open,
+            'close': self._close,
+        }
+        self._services = [
+            self.create_service(Trigger, f'hand/{name}', _trigger(action))
+            for name, action in services.items()
+        ]
+        self._trajectories = self.create_subscription(
+            JointTrajectory, 'hand/joint_trajectory', self._on_trajectory, 10
+        )
+        self._poll_timer = None
+        if self._values['poll_period'] > 0.0:
+            self._poll_timer = self.create_timer(self._values['poll_period'], self._on_poll)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to publish."""
+        self._active = True
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop every motion and fall silent."""
+        self._active = False
+        if self._worker is not None:
+            self._worker.submit('stop')
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the hand and of all topics."""
+        self._release()
+        for publisher in (
+            self._contacts,
+            self._joints,
+            *self._wrenches.values(),
+            *self._counts.values(),
+            self._diagnostics,
+        ):
+            self.destroy_publisher(publisher)
+        for service in self._services:
+            self.destroy_service(service)
+        self.destroy_subscription(self._trajectories)
+        self.destroy_timer(self._diagnostics_timer)
+        if self._poll_timer is not None:
+            self.destroy_timer(self._poll_timer)
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop the hand."""
+        self._release()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _release(self) -> None:
+        worker, self._worker = self._worker, None
+        if worker is not None:
+            worker.end()
+        emulator, self._emulator = self._emulator, None
+        if emulator is not None:
+            emulator.stop()
+        self._latest = None
+
+    def end(self) -> None:
+        """Stop the hand and leave nothing running, whatever state the node is in."""
+        self._active = False
+        self._release()
+
+    def _fail(self, reason: str) -> None:
+        self.failure = reason
+        self.get_logger().error(reason)
+
+    def _now_ns(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def _make_observer(self, facts: HandFacts) -> HandObserver:
+        assert self._calibration is not None
+        return assembly.make_observer(self._values, self._calibration, facts)
+
+    def _on_set_parameters(self, changed: Sequence[Parameter]) -> SetParametersResult:
+        for parameter in changed:
+            declared = parameters.BY_NAME.get(parameter.name)
+            if declared is None:
+                continue
+            try:
+                parameters.check(parameter.name, parameter.value)
+            except ParameterError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+            if self._worker is not None and not declared.live:
+                return SetParametersResult(
+                    successful=False,
+                    reason=f'parameter {parameter.name} takes effect at configure: clean up first',
+                )
+        return SetParametersResult(successful=True)
+
+    # Events come from the worker's thread; the guard condition brings them into the executor.
+    def _tell(self, event: Event) -> None:
+        self._events.append((time.monotonic_ns(), event))
+        self._guard.trigger()
+
+    def _on_events(self) -> None:
+        while self._events:
+            received_ns, event = self._events.popleft()
+            if isinstance(event, Observed):
+                self._on_observed(event, received_ns)
+            elif isinstance(event, Late):
+                self._lates += 1
+                self._on_stale()
+            elif isinstance(event, Connected):
+                self._on_connected(event)
+            elif isinstance(event, Lost):
+                self._on_lost(event.reason)
+            elif isinstance(event, NotReady):
+                self._set_state('NOT_INITIALISED', event.reason)
+            elif isinstance(event, Disturbed):
+                self._lates += 1
+                self.get_logger().warning(event.reason)
+                self._on_stale()
+
+    def _on_connected(self, event: Connected) -> None:
+        self._facts = event.facts
+        facts = event.facts
+        assert self._calibration is not None
+        try:
+            assembly.check_calibration(self._calibration, facts)
+        except CalibrationError as error:
+            self._fail(str(error))
+            return
+        word = 'again ' if event.again else ''
+        self.get_logger().info(
+            f'{word}connected to a {facts.model}, firmware {facts.firmware}, number '
+            f'{facts.serial_number}; up to {facts.ceiling_hz:.0f} cycles per second'
+        )
+        assert self._worker is not None
+        if not event.again:
+            if self._values['initialize_on_start']:
+                self._worker.submit('initialize')
+            if self._values['tare_on_start']:
+                self._worker.submit('tare').add_done_callback(self._report_tare)
+
+    def _report_tare(self, future: Future[Outcome]) -> None:
+        outcome = future.result()
+        log = self.get_logger().info if outcome.success else self.get_logger().warning
+        log(f'tare: {outcome.message}')
+
+    def _on_lost(self, reason: str) -> None:
+        if self._facts is None and not self._values['wait_for_hand']:
+            self._fail(reason)
+            return
+        if self._state != 'LOST':
+            self._losses += 1
+            self.get_logger().error(f'{reason}; trying again')
+        self._set_state('LOST', reason)
+        self._on_stale()
+
+    def _set_state(self, state: str, reason: str) -> None:
+        if (state, reason) != (self._state, self._reason) and state == 'NOT_INITIALISED':
+            self.get_logger().warning(reason)
+        self._state, self._reason = state, reason
+
+    def _on_observed(self, event: Observed, received_ns: int) -> None:
+        observation = event.observation
+        self._latest = observation
+        self._set_state('CYCLING', '')
+        self._rate.count(received_ns * 1e-9)
+        if not self._active:
+            return
+        stamp = observation.stamp_ns
+        readings = observation.fingers
+        contacts = [readings[finger].contact for finger in FINGERS]
+        self._contacts.publish(
+            messages.contacts_message(contacts, stamp, self._values['hand_frame'])
+        )
+        self._delays.add((time.monotonic_ns() - received_ns) * 1e-9)
+        torques = {finger: readings[finger].torque_nm for finger in FINGERS}
+        self._joints.publish(
+            messages.joint_states_message(
+                observation.angles, torques, self._values['joint_names'], stamp
+            )
+        )
+        for index, finger in enumerate(FINGERS):
+            reading = readings[finger]
+            self._wrenches[finger].publish(
+                messages.wrench_message(reading, stamp, self._values['tip_frames'][index])
+            )
+            counts = math.nan if reading.gauge_counts is None else reading.gauge_counts
+            self._counts[finger].publish(messages.number_message(counts))
+
+    def _on_stale(self) -> None:
+        """Say at once that the last contacts are no longer true."""
+        if self._latest is None or not self._active:
+            return
+        contacts = [self._latest.fingers[finger].contact for finger in FINGERS]
+        self._contacts.publish(
+            messages.contacts_message(
+                contacts, self._now_ns(), self._values['hand_frame'], FLAG_STALE
+            )
+        )
+
+    def _on_poll(self) -> None:
+        if self._worker is not None:
+            self._worker.tick()
+
+    async def _finish(self, future: Future[Outcome]) -> Outcome:
+        while not future.done():
+            # An executor with an unfinished task spins without waiting; this keeps it gentle.
+            time.sleep(PAUSE_S)
+            await _Turn()
+        return future.result()
+
+    async def _ask(self, kind: str, motion: Any = None) -> Outcome:
+        if self._worker is None:
+            return Outcome(False, 'the bridge is not configured')
+        outcome = await self._finish(self._worker.submit(kind, motion))
+        if kind in ('move', 'initialize', 'stop'):
+            self._motion_text = outcome.message
+        return outcome
+
+    async def _open(self) -> Outcome:
+        speed = float(self.get_parameter('open_speed').value)
+        return await self._ask('move', Opening(FINGERS, speed))
+
+    async def _close(self) -> Outcome:
+        values = self.values()
+        fingers = tuple(values['close_fingers'])
+        return await self._ask('move', Closing(fingers, assembly.close_settings(values)))
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        if self.executor is not None:
+            self.executor.create_task(self._follow, message)
+
+    async def _follow(self, message: JointTrajectory) -> None:
+        values = self.values()
+        try:
+            motion = Following(
+                messages.trajectory_points(message, values['joint_names']),
+                fastest_rad_s=values['open_speed'],
+                torque_limit_nm=values['torque_limit'],
+            )
+        except MotionError as error:
+            self.get_logger().error(f'hand/joint_trajectory: {error}')
+            self._motion_text = str(error)
+            return
+        outcome = await self._ask('move', motion)
+        log = self.get_logger().info if outcome.success else self.get_logger().error
+        log(f'hand/joint_trajectory: {outcome.message}')
+
+    def _on_diagnostics(self) -> None:
+        level, text = self._judgement()
+        values = {
+            'state': self._state,
+            'reason': self._reason,
+            'last motion': self._motion_text,
+            'cycles per second': f'{self._rate.per_second(time.monotonic()):.1f}',
+            'cycle to published, median (ms)': f'{1e3 * self._delays.percentile(50):.2f}',
+            'cycle to published, p99 (ms)': f'{1e3 * self._delays.percentile(99):.2f}',
+            'losses of the link': str(self._losses),
+            'late cycles': str(self._lates),
+        }
+        if self._facts is not None:
+            values['ceiling (cycles per second)'] = f'{self._facts.ceiling_hz:.1f}'
+            values['firmware'] = self._facts.firmware
+        if self._calibration is not None:
+            values['calibration'] = self._calibration.source
+        if self._latest is not None:
+            values |= self._finger_values(self._latest)
+        hardware = (
+            'no hand yet'
+            if self._facts is None
+            else f'{self._facts.model} {self._facts.serial_number}'
+        )
+        self._diagnostics.publish(
+            messages.diagnostics_message(
+                level, 'hand_bridge: hand', text, hardware, values, self._now_ns()
+            )
+        )
+
+    def _finger_values(self, observation: Observation) -> dict[str, str]:
+        values: dict[str, str] = {}
+        observer = None if self._worker is None else self._worker.observer
+        for finger, reading in observation.fingers.items():
+            name = f'finger {finger}'
+            values[f'{name} gauge (counts)'] = str(reading.gauge_counts)
+            if reading.contact.flags & FLAG_NO_GAUGE or observer is None:
+                continue
+            tared_at = observer.zeros[finger].tared_at_s
+            age = math.nan if tared_at is None else observation.stamp_ns * 1e-9 - tared_at
+            values[f'{name} zero (counts)'] = f'{reading.zero_counts:.2f}'
+            values[f'{name} zero sigma (counts)'] = f'{reading.zero_sigma_counts:.2f}'
+            values[f'{name} zero age (s)'] = f'{age:.0f}'
+            valid = observer.settings.calibrations[finger].valid_torque_nm
+            if reading.arm_m > 0.005:
+                values[f'{name} gauge ends at (N)'] = f'{valid / reading.arm_m:.1f}'
+        return values
+
+    def _judgement(self) -> tuple[bytes, str]:
+        """Level and sentence for /diagnostics."""
+        if self._state in ('NO_HAND', 'LOST'):
+            return DiagnosticStatus.ERROR, self._reason or 'no hand yet'
+        if self._state == 'NOT_INITIALISED':
+            return DiagnosticStatus.WARN, self._reason
+        if self._latest is None:
+            return DiagnosticStatus.STALE, 'no cycle yet'
+        for finger, reading in self._latest.fingers.items():
+            flags = reading.contact.flags
+            if flags & FLAG_FAULT:
+                return DiagnosticStatus.ERROR, f'finger {finger}: the pin has no lever arm'
+            if flags & FLAG_SATURATED:
+                return (
+                    DiagnosticStatus.ERROR,
+                    f'finger {finger}: {reading.torque_nm:.2f} N m is beyond the gauge or its '
+                    'calibration, the force is not to be trusted',
+                )
+            if reading.near_saturation:
+                return (
+                    DiagnosticStatus.WARN,
+                    f'finger {finger}: {reading.torque_nm:.2f} N m, the gauge ends soon',
+                )
+            if flags & FLAG_NOT_TARED and not flags & FLAG_NO_GAUGE:
+                return DiagnosticStatus.WARN, f'finger {finger} is not tared: call hand/tare'
+        touching = [
+            str(finger)
+            for finger, reading in self._latest.fingers.items()
+            if reading.contact.flags & FLAG_CONTACT
+        ]
+        return DiagnosticStatus.OK, (
+            f'fingers in contact: {", ".join(touching)}' if touching else 'free'
+        )
+
+
+def _trigger(
+    action: Callable[[], Awaitable[Outcome]],
+) -> Callable[[Trigger.Request, Trigger.Response], Awaitable[Trigger.Response]]:
+    async def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        outcome = await action()
+        response.success = bool(outcome.success)
+        response.message = outcome.message
+        return response
+
+    return answer
+
+
+def _descriptor(parameter: parameters.Parameter) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(description=parameter.description)
+    low, high = parameter.lowest, parameter.highest
+    # Arrays may not carry ranges in rclpy; `parameters.check` holds for them.
+    if low is not None and high is not None and not isinstance(parameter.default, list):
+        if isinstance(parameter.default, int):
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+        else:
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(low), to_value=float(high))
+            ]
+    return descriptor
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM; returns the exit code."""
+    rclpy.init(args=arguments)
+    node = HandBridge()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        if node.get_parameter('autostart').value:
+            node.trigger_configure()
+            if node.failure is None:
+                node.trigger_activate()
+        while rclpy.ok() and node.failure is None:
+            executor.spin_once(timeout_sec=0.5)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        node.end()
+        executor.remove_node(node)
+        node.destroy_node()
+        rclpy.try_shutdown()
+    if node.failure is not None:
+        print(f'hand_bridge: {node.failure}', file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

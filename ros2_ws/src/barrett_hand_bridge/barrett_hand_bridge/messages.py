@@ -1,0 +1,200 @@
+"""All ROS messages of the bridge: built and read here and nowhere else."""
+
+from __future__ import annotations
+
+import array
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from sensor_msgs.msg import JointState, PointCloud2, PointField
+from std_msgs.msg import Float64, Header
+from trajectory_msgs.msg import JointTrajectory
+
+from barrett_hand_bridge.contacts import Contact
+from barrett_hand_bridge.hand import FINGERS, SPREAD
+from barrett_hand_bridge.kinematics import Array, JointAngles
+from barrett_hand_bridge.motion import MotionError, TrajectoryPoint
+from barrett_hand_bridge.observer import FingerReading
+
+CONTACT_TYPE = np.dtype(
+    [
+        *((name, '<f4') for name in ('x', 'y', 'z', 'nx', 'ny', 'nz', 'fx', 'fy', 'fz')),
+        ('sigma_n', '<f4'),
+        ('radius', '<f4'),
+        ('finger', 'u1'),
+        ('flags', 'u1'),
+        ('unused', '<u2'),
+        ('sigma_t', '<f4'),
+        ('travel', '<f4'),
+        ('sigma_travel', '<f4'),
+        ('sigma_point', '<f4'),
+        ('sigma_normal', '<f4'),
+    ]
+)
+_FIELD_TYPES = {'f': PointField.FLOAT32, 'u': PointField.UINT8}
+
+
+def time_message(stamp_ns: int) -> Time:
+    """A time in nanoseconds as a message."""
+    return Time(sec=int(stamp_ns // 1_000_000_000), nanosec=int(stamp_ns % 1_000_000_000))
+
+
+def header(stamp_ns: int, frame: str) -> Header:
+    """Header with stamp and frame."""
+    return Header(stamp=time_message(stamp_ns), frame_id=frame)
+
+
+def _contact_fields() -> list[PointField]:
+    fields = []
+    assert CONTACT_TYPE.fields is not None
+    for name in CONTACT_TYPE.names or ():
+        if name == 'unused':
+            continue
+        kind, offset = CONTACT_TYPE.fields[name][:2]
+        fields.append(
+            PointField(name=name, offset=int(offset), datatype=_FIELD_TYPES[kind.kind], count=1)
+        )
+    return fields
+
+
+_CONTACT_FIELDS = _contact_fields()
+
+
+def contacts_message(
+    contacts: Sequence[Contact], stamp_ns: int, frame: str, more_flags: int = 0
+) -> PointCloud2:
+    """`hand/contacts`: one point per contact; `more_flags` are set on every one."""
+    rows = np.zeros(len(contacts), CONTACT_TYPE)
+    for row, contact in zip(rows, contacts, strict=True):
+        row['x'], row['y'], row['z'] = contact.point
+        row['nx'], row['ny'], row['nz'] = contact.normal
+        row['fx'], row['fy'], row['fz'] = contact.force
+        row['sigma_n'] = contact.sigma_normal_n
+        row['radius'] = contact.radius_m
+        row['finger'] = contact.finger
+        row['flags'] = contact.flags | more_flags
+        row['sigma_t'] = contact.sigma_tangential_n
+        row['travel'] = contact.travel_m
+        row['sigma_travel'] = contact.sigma_travel_m
+        row['sigma_point'] = contact.sigma_point_m
+        row['sigma_normal'] = contact.sigma_direction_rad
+    return PointCloud2(
+        header=header(stamp_ns, frame),
+        height=1,
+        width=len(contacts),
+        fields=_CONTACT_FIELDS,
+        is_bigendian=False,
+        point_step=CONTACT_TYPE.itemsize,
+        row_step=CONTACT_TYPE.itemsize * len(contacts),
+        data=array.array('B', rows.tobytes()),
+        is_dense=False,
+    )
+
+
+def joint_states_message(
+    angles: JointAngles, torques_nm: Mapping[int, float], names: Sequence[str], stamp_ns: int
+) -> JointState:
+    """`hand/joint_states`: effort is the gauge torque of the outer joints, NaN elsewhere."""
+    positions = [float(angles.spread)]
+    efforts = [math.nan]
+    for finger in FINGERS:
+        positions += [float(angles.inner[finger]), float(angles.outer[finger])]
+        efforts += [math.nan, float(torques_nm[finger])]
+    return JointState(
+        header=header(stamp_ns, ''),
+        name=list(names),
+        position=array.array('d', positions),
+        velocity=array.array('d'),
+        effort=array.array('d', efforts),
+    )
+
+
+def wrench_message(reading: FingerReading, stamp_ns: int, frame: str) -> WrenchStamped:
+    """`hand/finger_N/wrench`: force and torque on the object about the fingertip frame."""
+    contact = reading.contact
+    rotation, origin = reading.frames.tip[:3, :3], reading.frames.tip[:3, 3]
+    force = rotation.T @ contact.force
+    torque = np.cross(rotation.T @ (contact.point - origin), force)
+    message = WrenchStamped(header=header(stamp_ns, frame))
+    message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = map(float, force)
+    message.wrench.torque.x, message.wrench.torque.y, message.wrench.torque.z = map(float, torque)
+    return message
+
+
+def number_message(value: float) -> Float64:
+    """A plain number."""
+    return Float64(data=float(value))
+
+
+def pose_message(position: Array, quaternion: Array, stamp_ns: int, frame: str) -> PoseStamped:
+    """A pose from a position in m (3,) and a quaternion x y z w (4,)."""
+    message = PoseStamped(header=header(stamp_ns, frame))
+    p, q = message.pose.position, message.pose.orientation
+    p.x, p.y, p.z = map(float, position)
+    q.x, q.y, q.z, q.w = map(float, quaternion)
+    return message
+
+
+def pose_quaternion(message: PoseStamped) -> tuple[float, float, float, float]:
+    """Orientation of a pose as x y z w."""
+    q = message.pose.orientation
+    return float(q.x), float(q.y), float(q.z), float(q.w)
+
+
+def joint_positions(message: JointState) -> dict[str, float]:
+    """Positions by joint name; empty where names and positions do not match."""
+    if len(message.name) != len(message.position):
+        return {}
+    return {name: float(value) for name, value in zip(message.name, message.position, strict=True)}
+
+
+def trajectory_points(message: JointTrajectory, names: Sequence[str]) -> list[TrajectoryPoint]:
+    """Read a trajectory of the spread and inner joints, `names` as in hand/joint_states.
+
+    Raises:
+        MotionError: an unknown joint, an outer joint (it follows the inner one), or a point with
+            another number of positions than joints.
+    """
+    motors = {names[0]: SPREAD, names[1]: 1, names[3]: 2, names[5]: 3}
+    unknown = [name for name in message.joint_names if name not in motors]
+    if unknown or not message.joint_names:
+        allowed = ', '.join(motors)
+        named = unknown[0] if unknown else '(none)'
+        raise MotionError(f'trajectory for joint {named!r}: only {allowed} can be commanded')
+    points = []
+    for number, point in enumerate(message.points, start=1):
+        if len(point.positions) != len(message.joint_names):
+            raise MotionError(
+                f'trajectory point {number}: {len(point.positions)} positions for '
+                f'{len(message.joint_names)} joints'
+            )
+        seconds = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
+        positions = {
+            motors[name]: float(value)
+            for name, value in zip(message.joint_names, point.positions, strict=True)
+        }
+        points.append(TrajectoryPoint(float(seconds), positions))
+    return points
+
+
+def diagnostics_message(
+    level: bytes,
+    name: str,
+    text: str,
+    hardware: str,
+    values: Mapping[str, str],
+    stamp_ns: int,
+) -> DiagnosticArray:
+    """`/diagnostics` with one status."""
+    status = DiagnosticStatus(
+        level=level,
+        name=name,
+        message=text,
+        hardware_id=hardware,
+        values=[KeyValue(key=key, value=value) for key, value in values.items()],
+    )
+    return DiagnosticArray(header=header(stamp_ns, ''), status=[status])

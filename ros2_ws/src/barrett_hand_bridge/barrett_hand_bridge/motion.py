@@ -1,0 +1,280 @@
+"""Motions of the hand as velocities per cycle: open, close until force, follow a trajectory.
+
+Pure: every motion gets the newest observation and answers the velocities for the next cycle. A
+motion ends by itself; whatever ends it, the worker then commands standstill.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from barrett_hand_bridge.contacts import FLAG_CONTACT, FLAG_FAULT, FLAG_NO_GAUGE, FLAG_NOT_TARED
+from barrett_hand_bridge.hand import FINGERS, SPREAD
+from barrett_hand_bridge.observer import Observation
+
+FINGER_TRAVEL_RAD = math.radians(140.0)
+AT_REST_RAD = math.radians(0.05)
+STALL_S = 1.0
+
+
+class MotionError(ValueError):
+    """A motion that cannot be started; the message says why."""
+
+
+@dataclass(frozen=True)
+class MotionResult:
+    """How a motion ended."""
+
+    done: bool
+    message: str
+
+
+class Motion(Protocol):
+    """A motion under way."""
+
+    def step(self, observation: Observation, time_s: float) -> Mapping[int, float] | MotionResult:
+        """Velocities in rad/s by motor for the next cycle, or how it ended."""
+
+
+def joint_position(observation: Observation, motor: int) -> float:
+    """Angle in rad of the joint that a motor is counted by: joint 2, or the spread."""
+    if motor == SPREAD:
+        return observation.angles.spread
+    angles = observation.angles
+    # The motor is counted by the outer link, which follows it with or without breakaway.
+    return (angles.inner[motor] + angles.outer[motor]) * 0.75
+
+
+class _StallWatch:
+    """Tells when motors that should run have not moved for a while."""
+
+    def __init__(self) -> None:
+        self._last: dict[int, float] = {}
+        self._moved_s = -math.inf
+
+    def stalled(self, observation: Observation, motors: Sequence[int], time_s: float) -> bool:
+        positions = {motor: joint_position(observation, motor) for motor in motors}
+        moved = any(
+            abs(positions[motor] - self._last.get(motor, math.inf)) > AT_REST_RAD
+            for motor in motors
+        )
+        if moved or self._moved_s == -math.inf:
+            self._last = positions
+            self._moved_s = time_s
+        return time_s - self._moved_s > STALL_S
+
+
+class Opening:
+    """Open fingers until they stand at zero or no longer move."""
+
+    def __init__(self, fingers: Sequence[int], speed_rad_s: float) -> None:
+        """Open `fingers` at a speed of joint 2."""
+        self._fingers = tuple(fingers)
+        self._speed = speed_rad_s
+        self._watch = _StallWatch()
+
+    def step(self, observation: Observation, time_s: float) -> Mapping[int, float] | MotionResult:
+        """See `Motion`."""
+        closed = [f for f in self._fingers if joint_position(observation, f) > AT_REST_RAD]
+        if not closed:
+            return MotionResult(True, 'open')
+        if self._watch.stalled(observation, closed, time_s):
+            names = ', '.join(str(finger) for finger in closed)
+            return MotionResult(False, f'finger {names} does not open further')
+        return dict.fromkeys(closed, -self._speed)
+
+
+@dataclass(frozen=True)
+class CloseSettings:
+    """How to close: until which force, how fast before and after touch (joint 2, rad/s)."""
+
+    force_n: float
+    torque_limit_nm: float
+    approach_rad_s: float
+    squeeze_rad_s: float
+
+
+class Closing:
+    """Close fingers slowly until each carries a force; stops at a torque limit in any case.
+
+    The worm drives hold the position, so a finger that has its force stands still. Force comes
+    from the gauge, which must be fitted and tared.
+    """
+
+    def __init__(self, fingers: Sequence[int], settings: CloseSettings) -> None:
+        """Close `fingers` together."""
+        self._fingers = tuple(fingers)
+        self._settings = settings
+        self._arrived: set[int] = set()
+        self._watch = _StallWatch()
+
+    def step(self, observation: Observation, time_s: float) -> Mapping[int, float] | MotionResult:
+        """See `Motion`."""
+        s = self._settings
+        touching = False
+        for finger in self._fingers:
+            reading = observation.fingers[finger]
+            flags = reading.contact.flags
+            if flags & (FLAG_NO_GAUGE | FLAG_NOT_TARED | FLAG_FAULT):
+                return MotionResult(
+                    False, f'finger {finger} has no trustworthy force: hand/tare it, open and free'
+                )
+            force = float(reading.contact.force @ reading.contact.normal)
+            if abs(reading.torque_nm) >= s.torque_limit_nm and force < s.force_n:
+                return MotionResult(
+                    False,
+                    f'finger {finger} reached the torque limit of {s.torque_limit_nm:g} N m at '
+                    f'{force:.2f} N, before {s.force_n:g} N',
+                )
+            if force >= s.force_n:
+                self._arrived.add(finger)
+            touching = touching or bool(flags & FLAG_CONTACT)
+        left = [finger for finger in self._fingers if finger not in self._arrived]
+        if not left:
+            return MotionResult(True, f'closed at {s.force_n:g} N')
+        ended = [
+            f for f in left if joint_position(observation, f) > FINGER_TRAVEL_RAD - AT_REST_RAD
+        ]
+        if ended or self._watch.stalled(observation, left, time_s):
+            names = ', '.join(str(finger) for finger in (ended or left))
+            return MotionResult(
+                False, f'finger {names} does not close further, {s.force_n:g} N not reached'
+            )
+        return dict.fromkeys(left, s.squeeze_rad_s if touching else s.approach_rad_s)
+
+
+@dataclass(frozen=True)
+class TrajectoryPoint:
+    """Positions in rad by motor, to be reached at a time in s after the start."""
+
+    time_s: float
+    positions: Mapping[int, float]
+
+
+class Following:
+    """Follow a trajectory of joint 2 and spread angles; straight lines between its points."""
+
+    def __init__(
+        self,
+        points: Sequence[TrajectoryPoint],
+        *,
+        fastest_rad_s: float,
+        torque_limit_nm: float,
+        gain_per_s: float = 10.0,
+        tolerance_rad: float = math.radians(0.3),
+        patience_s: float = 3.0,
+    ) -> None:
+        """Check the whole trajectory before anything moves.
+
+        Raises:
+            MotionError: no points, times that do not rise, angles out of reach, or too fast.
+        """
+        _check_points(points, fastest_rad_s)
+        self._points = tuple(points)
+        self._motors = tuple(sorted(points[0].positions))
+        self._fastest = fastest_rad_s
+        self._torque_limit = torque_limit_nm
+        self._gain = gain_per_s
+        self._tolerance = tolerance_rad
+        self._patience_s = patience_s
+        self._start: TrajectoryPoint | None = None
+        self._start_s = 0.0
+
+    def step(self, observation: Observation, time_s: float) -> Mapping[int, float] | MotionResult:
+        """See `Motion`."""
+        position = {motor: joint_position(observation, motor) for motor in self._motors}
+        if self._start is None:
+            self._start, self._start_s = TrajectoryPoint(0.0, position), time_s
+            worst = self._fastest_start(position)
+            if worst is not None:
+                return MotionResult(False, worst)
+        for finger in FINGERS:
+            torque = observation.fingers[finger].torque_nm
+            if finger in self._motors and abs(torque) > self._torque_limit:
+                return MotionResult(
+                    False,
+                    f'finger {finger} met {torque:.2f} N m, the limit is '
+                    f'{self._torque_limit:g} N m',
+                )
+        elapsed = time_s - self._start_s
+        target, speed = self._reference(elapsed)
+        errors = {motor: target[motor] - position[motor] for motor in self._motors}
+        last = self._points[-1].time_s
+        if elapsed >= last and all(abs(error) < self._tolerance for error in errors.values()):
+            return MotionResult(True, 'trajectory followed')
+        if elapsed > last + self._patience_s:
+            worst_motor = max(errors, key=lambda motor: abs(errors[motor]))
+            return MotionResult(
+                False,
+                f'motor {worst_motor} ended {math.degrees(errors[worst_motor]):.2f} degrees off '
+                'its trajectory',
+            )
+        return {
+            motor: min(
+                max(speed[motor] + self._gain * errors[motor], -1.5 * self._fastest),
+                1.5 * self._fastest,
+            )
+            for motor in self._motors
+        }
+
+    def _fastest_start(self, position: Mapping[int, float]) -> str | None:
+        first = self._points[0]
+        for motor in self._motors:
+            way = abs(first.positions[motor] - position[motor])
+            if way > AT_REST_RAD * 10 and way > self._fastest * max(first.time_s, 1e-9):
+                return (
+                    f'motor {motor} stands {math.degrees(way):.1f} degrees from the first point '
+                    f'and has {first.time_s:g} s: too fast'
+                )
+        return None
+
+    def _reference(self, elapsed: float) -> tuple[dict[int, float], dict[int, float]]:
+        assert self._start is not None
+        before = self._start
+        for point in self._points:
+            if elapsed < point.time_s:
+                share = (elapsed - before.time_s) / (point.time_s - before.time_s)
+                span = point.time_s - before.time_s
+                target = {
+                    m: before.positions[m] + share * (point.positions[m] - before.positions[m])
+                    for m in self._motors
+                }
+                speed = {
+                    m: (point.positions[m] - before.positions[m]) / span for m in self._motors
+                }
+                return target, speed
+            before = point
+        return dict(before.positions), dict.fromkeys(self._motors, 0.0)
+
+
+def _check_points(points: Sequence[TrajectoryPoint], fastest_rad_s: float) -> None:
+    if not points:
+        raise MotionError('the trajectory has no points')
+    before: TrajectoryPoint | None = None
+    for number, point in enumerate(points, start=1):
+        if not math.isfinite(point.time_s) or point.time_s < 0.0:
+            raise MotionError(f'point {number}: time {point.time_s} s')
+        for motor, position in point.positions.items():
+            highest = math.pi if motor == SPREAD else FINGER_TRAVEL_RAD
+            if (
+                not math.isfinite(position)
+                or not -AT_REST_RAD <= position <= highest + AT_REST_RAD
+            ):
+                raise MotionError(
+                    f'point {number}: motor {motor} at {position} rad, must be 0 to {highest:.3f}'
+                )
+        if before is not None:
+            span = point.time_s - before.time_s
+            if span <= 0.0:
+                raise MotionError(f'point {number}: times must rise')
+            for motor, position in point.positions.items():
+                speed = abs(position - before.positions[motor]) / span
+                if speed > fastest_rad_s:
+                    raise MotionError(
+                        f'point {number}: motor {motor} would run {speed:.2f} rad/s, the limit is '
+                        f'{fastest_rad_s:g} rad/s'
+                    )
+        before = point

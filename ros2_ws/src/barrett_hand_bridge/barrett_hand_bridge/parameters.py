@@ -1,0 +1,185 @@
+"""Every parameter of the `hand_bridge` node: name, default, range, and what it means."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+Value = bool | int | float | str | list[float] | list[int] | list[str]
+
+
+class ParameterError(ValueError):
+    """A parameter value that cannot be used; the message names it and what is allowed."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One declared parameter. `live`: may be changed while the node runs."""
+
+    name: str
+    default: Value
+    description: str
+    lowest: float | None = None
+    highest: float | None = None
+    choices: tuple[str, ...] = ()
+    length: int | None = None
+    live: bool = False
+
+
+def _length_m(name: str, default: float, description: str, highest: float = 0.5) -> Parameter:
+    return Parameter(name, default, description + ' (m)', 0.0, highest)
+
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter(
+        'backend',
+        'serial',
+        'serial: BH8-262 on RS-232; can: BH8-280/282 on CAN; emulator: an emulated BH8-262 '
+        'started by the node itself',
+        choices=('serial', 'can', 'emulator'),
+    ),
+    Parameter('port', '/dev/ttyUSB0', 'serial port of the hand'),
+    Parameter('baud', 38400, 'line speed (bit/s): 9600, 19200 or 38400', 9600, 38400),
+    Parameter('interface', 'socketcan', 'python-can interface of the CAN bus'),
+    Parameter('channel', 'can0', 'python-can channel of the CAN bus'),
+    Parameter('can_port', 43113, 'UDP port when interface is udp_multicast', 1024, 65535),
+    Parameter('calibration', '', 'calibration file of this hand (YAML, from hand_calibrate)'),
+    Parameter('emulator_object', '', 'object file for backend emulator; empty: nothing to grasp'),
+    Parameter('emulator_seed', 1, 'seed of the emulated gauges', 0, 2**31 - 1),
+    Parameter('autostart', True, 'configure and activate the node when it starts'),
+    Parameter('wait_for_hand', False, 'keep trying when no hand answers at start'),
+    Parameter(
+        'initialize_on_start', False, 'initialise the hand when it is found: ITS FINGERS MOVE'
+    ),
+    Parameter('tare_on_start', False, 'take the zeros when the first samples come'),
+    Parameter(
+        'poll_period', 0.0, 'time between cycles in ROS time (s); 0: as fast as the link', 0.0, 1.0
+    ),
+    Parameter('hand_frame', 'hand_base', 'frame of contacts: the palm of the hand'),
+    Parameter(
+        'tip_frames',
+        ['finger_1_tip', 'finger_2_tip', 'finger_3_tip'],
+        'frames of the three wrenches',
+        length=3,
+    ),
+    Parameter(
+        'joint_names',
+        [
+            'spread',
+            'finger_1_inner',
+            'finger_1_outer',
+            'finger_2_inner',
+            'finger_2_outer',
+            'finger_3_inner',
+            'finger_3_outer',
+        ],
+        'names in hand/joint_states: spread, then inner and outer joint of each finger',
+        length=7,
+    ),
+    _length_m('palm_offset', 0.025, 'Aw: spread axes of fingers 1 and 2 from the palm centre'),
+    _length_m('palm_height', 0.084, 'Dw: inner joints above the base frame'),
+    _length_m('link_1', 0.050, 'A1: spread axis to inner joint'),
+    _length_m('link_2', 0.070, 'A2: inner to outer joint'),
+    _length_m('link_3', 0.050, 'A3: outer joint to the fingertip frame'),
+    _length_m('pad_height', 0.0095, 'D3: pad surface above the line of the outer link'),
+    Parameter('joint_2_offset', math.radians(2.46), 'Phi2 (rad)', -1.0, 1.0),
+    Parameter('joint_3_offset', math.radians(50.0), 'Phi3 (rad)', 0.0, 1.5),
+    Parameter('outer_link_mass', 0.1, 'mass of an outer link with its pin (kg)', 0.0, 1.0),
+    _length_m('outer_link_centre', 0.025, 'centre of that mass from the outer joint'),
+    Parameter(
+        'gravity',
+        [0.0, 0.0, -1.0],
+        'direction of gravity in the hand frame; zeros: unknown, weights are not taken off',
+        -1.0,
+        1.0,
+        length=3,
+    ),
+    Parameter('pin_length', [0.040] * 3, 'length of each pin (m)', 0.0, 0.2, length=3),
+    Parameter('pin_radius', [0.001] * 3, 'radius of each pin end (m)', 1e-5, 0.05, length=3),
+    Parameter(
+        'pin_forward',
+        [0.020] * 3,
+        'foot of each pin beyond the tip (m)',
+        -0.1,
+        0.1,
+        length=3,
+    ),
+    Parameter(
+        'pin_sideways', [0.0] * 3, 'foot of each pin across the link (m)', -0.1, 0.1, length=3
+    ),
+    Parameter(
+        'pin_lean',
+        [math.radians(30.75)] * 3,
+        'lean of each pin from the pad normal towards the fingertip (rad)',
+        -1.6,
+        1.6,
+        length=3,
+    ),
+    Parameter('pin_position_sigma', 0.0005, 'how well a pin end is placed (m)', 0.0, 0.01),
+    Parameter('pin_direction_sigma', math.radians(3.0), 'how well a pin points (rad)', 0.0, 0.5),
+    Parameter(
+        'opposed_fingers',
+        [1, 2],
+        'fingers that face each other: their normals lie on the line between their pins; [0]: '
+        'every normal is the direction of its pin',
+        0,
+        3,
+    ),
+    Parameter(
+        'tendon_compliance', 0.02, 'stretch of the tendons at joint 3 (rad per N m)', 0.0, 0.2
+    ),
+    Parameter('tendon_sigma', 0.004, 'its standard deviation (rad per N m)', 0.0, 0.2),
+    Parameter('follow_drift', True, 'follow the gauge zeros while the fingers are free'),
+    Parameter('servo_sample_time', 0.01, 'servo sample of the BH8-262 (s)', 0.001, 0.1),
+    Parameter('breakaway_feedback', False, 'ask for breakaway positions (firmware 4.4 on)'),
+    Parameter('close_fingers', [1, 2], 'fingers that hand/close closes', 1, 3),
+    Parameter('close_force', 5.0, 'force at which hand/close stops (N)', 0.1, 25.0, live=True),
+    Parameter('torque_limit', 1.0, 'torque that ends any motion (N m)', 0.01, 1.5, live=True),
+    Parameter('approach_speed', 0.3, 'joint 2 speed before touch (rad/s)', 0.005, 2.5, live=True),
+    Parameter('squeeze_speed', 0.02, 'joint 2 speed after touch (rad/s)', 0.001, 0.5, live=True),
+    Parameter('open_speed', 0.8, 'joint 2 speed of hand/open (rad/s)', 0.005, 2.5, live=True),
+)
+BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
+
+
+def check(name: str, value: Any) -> None:
+    """Check one value against its range.
+
+    Raises:
+        ParameterError: out of range, not among the choices, of another length, or not finite.
+    """
+    parameter = BY_NAME[name]
+    values = value if isinstance(value, (list, tuple)) or hasattr(value, 'typecode') else [value]
+    if parameter.length is not None and len(values) != parameter.length:
+        raise ParameterError(f'parameter {name}: {len(values)} values, needs {parameter.length}')
+    if parameter.choices and value not in parameter.choices:
+        allowed = ', '.join(parameter.choices)
+        raise ParameterError(f'parameter {name} is {value!r}, must be one of {allowed}')
+    for number in values:
+        if isinstance(number, (bool, str)):
+            continue
+        low = -math.inf if parameter.lowest is None else parameter.lowest
+        high = math.inf if parameter.highest is None else parameter.highest
+        if not math.isfinite(number) or not low <= number <= high:
+            raise ParameterError(f'parameter {name} is {number}, must be {low:g} to {high:g}')
+
+
+def check_all(values: Mapping[str, Any]) -> None:
+    """Check all values together.
+
+    Raises:
+        ParameterError: the first that is wrong.
+    """
+    for name, value in values.items():
+        check(name, value)
+    gravity = values['gravity']
+    size = math.sqrt(sum(g * g for g in gravity))
+    if size > 1e-9 and abs(size - 1.0) > 1e-3:
+        raise ParameterError(f'parameter gravity has length {size:.4f}, must be 1 (or all zeros)')
+    opposed = list(values['opposed_fingers'])
+    if opposed != [0] and (len(opposed) != 2 or opposed[0] == opposed[1] or 0 in opposed):
+        raise ParameterError(
+            f'parameter opposed_fingers is {opposed}, must be two different fingers or [0]'
+        )

@@ -1,0 +1,329 @@
+"""The thread that lives with the hand: connects, cycles, obeys commands, comes back after a loss.
+
+Everything that happens is told to `tell` as an event, from this thread. Motors stand still unless
+a motion runs; a lost link, a refused cycle, `stop` and the end of the thread end every motion.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+
+from barrett_hand_bridge.hand import (
+    Hand,
+    HandError,
+    HandFacts,
+    HandNotInitialisedError,
+    HandSample,
+)
+from barrett_hand_bridge.motion import Motion, MotionResult
+from barrett_hand_bridge.observer import HandObserver, Observation
+from barrett_hand_bridge.tare import TARE_SAMPLES
+
+FIRST_WAIT_S = 0.1
+LONGEST_WAIT_S = 5.0
+NOT_READY_PERIOD_S = 0.25
+
+
+@dataclass(frozen=True)
+class Connected:
+    """The hand answers; `again` after a loss."""
+
+    facts: HandFacts
+    again: bool
+
+
+@dataclass(frozen=True)
+class Observed:
+    """One cycle, digested."""
+
+    observation: Observation
+    sample: HandSample
+
+
+@dataclass(frozen=True)
+class Late:
+    """No answer within three periods; the last observation is stale."""
+
+
+@dataclass(frozen=True)
+class Lost:
+    """The link is gone; the reason in words."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class NotReady:
+    """The hand answers but cannot cycle; the reason in words."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class Disturbed:
+    """A cycle failed, the hand was found again without loss of its state."""
+
+    reason: str
+
+
+Event = Connected | Observed | Late | Lost | NotReady | Disturbed
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Answer to a command."""
+
+    success: bool
+    message: str
+
+
+@dataclass
+class _Command:
+    kind: str
+    future: Future[Outcome]
+    motion: Motion | None = None
+
+
+class HandWorker:
+    """Runs a hand in a thread of its own."""
+
+    def __init__(
+        self,
+        hand: Hand,
+        make_observer: Callable[[HandFacts], HandObserver],
+        tell: Callable[[Event], None],
+        *,
+        strain_limit_nm: float,
+        paced_by_ticks: bool = False,
+    ) -> None:
+        """With `paced_by_ticks` each cycle waits for a call of `tick`; otherwise it runs free.
+
+        `strain_limit_nm` is set as the hand's own strain limit before every motion that closes.
+        """
+        self._hand = hand
+        self._make_observer = make_observer
+        self._tell = tell
+        self._strain_limit_nm = strain_limit_nm
+        self._ticks = threading.Semaphore(0) if paced_by_ticks else None
+        self._commands: queue.SimpleQueue[_Command] = queue.SimpleQueue()
+        self._stopping = threading.Event()
+        self._stop_motion = threading.Event()
+        self._in_initialise = False
+        self._thread = threading.Thread(target=self._run, name='hand_worker', daemon=True)
+        self._observer: HandObserver | None = None
+        self._facts: HandFacts | None = None
+        self._connected_once = False
+        self._wait_s = FIRST_WAIT_S
+        self._motion: _Command | None = None
+        self._tare: _Command | None = None
+        self._tare_samples: list[HandSample] = []
+        self._failures = 0
+        self._latest: Observation | None = None
+        hand.late = self._on_late
+
+    @property
+    def observer(self) -> HandObserver | None:
+        """The observer in use (made when the hand was first found)."""
+        return self._observer
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def tick(self) -> None:
+        """Allow one more cycle."""
+        if self._ticks is not None:
+            self._ticks.release()
+
+    def submit(self, kind: str, motion: Motion | None = None) -> Future[Outcome]:
+        """Ask for `initialize`, `tare`, `stop` or `move` (with a motion)."""
+        future: Future[Outcome] = Future()
+        if kind == 'stop':
+            self._stop_motion.set()
+            if self._in_initialise:
+                self._hand.abort()
+        self._commands.put(_Command(kind, future, motion))
+        self.tick()
+        return future
+
+    def end(self) -> None:
+        """Stop the hand and the thread."""
+        self._stopping.set()
+        self._stop_motion.set()
+        if self._in_initialise:
+            self._hand.abort()
+        self.tick()
+        if self._thread.is_alive():
+            self._thread.join(timeout=10.0)
+
+    def _on_late(self) -> None:
+        self._tell(Late())
+
+    def _run(self) -> None:
+        try:
+            while not self._stopping.is_set():
+                if self._facts is None:
+                    self._connect()
+                else:
+                    self._turn()
+        finally:
+            self._end_motion(False, 'the bridge is shutting down')
+            with contextlib.suppress(HandError):
+                self._hand.close()
+            self._refuse_all('the bridge is shutting down')
+
+    def _connect(self) -> None:
+        try:
+            facts = self._hand.connect()
+        except HandError as error:
+            self._tell(Lost(str(error)))
+            self._refuse_all(f'no hand: {error}')
+            self._stopping.wait(self._wait_s)
+            self._wait_s = min(2.0 * self._wait_s, LONGEST_WAIT_S)
+            return
+        self._wait_s = FIRST_WAIT_S
+        self._failures = 0
+        self._facts = facts
+        if self._observer is None:
+            self._observer = self._make_observer(facts)
+        else:
+            self._observer.forget_zeros()
+        again, self._connected_once = self._connected_once, True
+        self._tell(Connected(facts, again))
+
+    def _turn(self) -> None:
+        self._obey()
+        if self._ticks is not None and not self._ticks.acquire(timeout=0.1):
+            return
+        if self._stop_motion.is_set() and self._motion is None:
+            self._stop_motion.clear()
+        try:
+            sample = self._hand.sample(self._velocities())
+        except HandNotInitialisedError as error:
+            self._end_motion(False, str(error))
+            self._tell(NotReady(str(error)))
+            self._next_command(NOT_READY_PERIOD_S)
+            return
+        except HandError as error:
+            self._failed(error)
+            return
+        self._failures = 0
+        assert self._observer is not None
+        self._latest = self._observer.observe(sample)
+        self._tell(Observed(self._latest, sample))
+        self._collect_tare(sample)
+
+    def _velocities(self) -> dict[int, float] | None:
+        """Velocities for the next cycle; None when nothing is to be commanded."""
+        command = self._motion
+        if command is None or command.motion is None or self._latest is None:
+            return None
+        if self._stop_motion.is_set() or self._stopping.is_set():
+            self._end_motion(False, 'stopped')
+            return {}
+        step = command.motion.step(self._latest, self._latest.stamp_ns * 1e-9)
+        if isinstance(step, MotionResult):
+            self._end_motion(step.done, step.message)
+            return {}
+        return dict(step)
+
+    def _failed(self, error: HandError) -> None:
+        self._end_motion(False, f'stopped, the link failed: {error}')
+        self._tare_samples.clear()
+        self._latest = None
+        self._failures += 1
+        if self._failures < 3 and 'resynchronised' in str(error):
+            self._tell(Disturbed(str(error)))
+            return
+        self._facts = None
+        self._end_tare(Outcome(False, f'the link failed: {error}'))
+        self._tell(Lost(str(error)))
+        with contextlib.suppress(HandError):
+            self._hand.close()
+
+    def _next_command(self, timeout_s: float) -> None:
+        with contextlib.suppress(queue.Empty):
+            self._execute(self._commands.get(timeout=timeout_s))
+
+    def _obey(self) -> None:
+        with contextlib.suppress(queue.Empty):
+            while True:
+                self._execute(self._commands.get_nowait())
+
+    def _refuse_all(self, reason: str) -> None:
+        self._end_tare(Outcome(False, reason))
+        with contextlib.suppress(queue.Empty):
+            while True:
+                self._commands.get_nowait().future.set_result(Outcome(False, reason))
+
+    def _execute(self, command: _Command) -> None:
+        try:
+            if command.kind == 'stop':
+                self._end_motion(False, 'stopped')
+                self._hand.stop()
+                self._stop_motion.clear()
+                command.future.set_result(Outcome(True, 'stopped'))
+            elif command.kind == 'initialize':
+                self._end_motion(False, 'the hand is being initialised')
+                self._initialise(command)
+            elif command.kind == 'tare':
+                self._end_tare(Outcome(False, 'another tare was asked for'))
+                self._tare, self._tare_samples = command, []
+            elif command.motion is not None:
+                self._end_motion(False, 'another motion was asked for')
+                self._begin(command)
+        except HandError as error:
+            if not command.future.done():
+                command.future.set_result(Outcome(False, str(error)))
+
+    def _initialise(self, command: _Command) -> None:
+        self._in_initialise = True
+        try:
+            if self._stop_motion.is_set() or self._stopping.is_set():
+                raise HandError('stopped before it began')
+            self._hand.initialize()
+        finally:
+            self._in_initialise = False
+        if self._observer is not None:
+            for touch in self._observer.touches.values():
+                touch.reset()
+        command.future.set_result(Outcome(True, 'initialised'))
+
+    def _begin(self, command: _Command) -> None:
+        if self._latest is None:
+            command.future.set_result(Outcome(False, 'the hand does not cycle: initialise it'))
+            return
+        assert self._observer is not None
+        self._hand.limit_force(self._observer.strain_limits(self._strain_limit_nm))
+        self._motion = command
+
+    def _end_motion(self, success: bool, message: str) -> None:
+        command, self._motion = self._motion, None
+        if command is not None:
+            command.future.set_result(Outcome(success, message))
+
+    def _end_tare(self, outcome: Outcome) -> None:
+        command, self._tare = self._tare, None
+        if command is not None:
+            command.future.set_result(outcome)
+
+    def _collect_tare(self, sample: HandSample) -> None:
+        if self._tare is None:
+            return
+        self._tare_samples.append(sample)
+        if len(self._tare_samples) < TARE_SAMPLES:
+            return
+        assert self._observer is not None
+        outcome = self._observer.tare(self._tare_samples)
+        if outcome.refusal:
+            self._end_tare(Outcome(False, outcome.refusal))
+            return
+        text = ', '.join(
+            f'finger {finger} {zero.counts:.2f}' for finger, zero in outcome.zeros.items()
+        )
+        self._end_tare(Outcome(True, f'zero in counts: {text}'))

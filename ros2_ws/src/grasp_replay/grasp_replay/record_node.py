@@ -18,7 +18,6 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.utilities import remove_ros_args
 
 from grasp_replay.bag_writer import COMPRESSIONS, BagWriter
 from grasp_replay.cdr import has_header, header_stamp
@@ -26,6 +25,7 @@ from grasp_replay.errors import BagError
 from grasp_replay.messages import from_endpoint, message_class, type_hash
 from grasp_replay.progress import status_line
 from grasp_replay.qos import common_offer, qos_text
+from grasp_replay.ros_arguments import split_ros_arguments
 from grasp_replay.topic_selection import TopicSelection
 
 DISCOVERY_PERIOD = 0.1
@@ -152,9 +152,9 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `record`; returns the exit code."""
-    raw = list(sys.argv if arguments is None else ['record', *arguments])
+    own, ros = split_ros_arguments(sys.argv[1:] if arguments is None else arguments)
     parser = build_parser()
-    options = parser.parse_args(remove_ros_args(raw)[1:])
+    options = parser.parse_args(own)
     if not (options.topics or options.all or options.regex):
         parser.error('name topics, or give --all or --regex')
     if options.duration is not None and not options.duration > 0:
@@ -171,16 +171,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f'{error.pattern!r} is no regular expression: {error}')
     directory = options.output or Path(time.strftime('bag_%Y_%m_%d-%H_%M_%S'))
     try:
-        return _record(directory, selection, options, raw)
+        return _record(directory, selection, options, ros)
     except BagError as error:
         print(f'record: {error}', file=sys.stderr)
         return 1
 
 
 def _record(
-    directory: Path, selection: TopicSelection, options: argparse.Namespace, raw: list[str]
+    directory: Path,
+    selection: TopicSelection,
+    options: argparse.Namespace,
+    ros_arguments: list[str],
 ) -> int:
-    rclpy.init(args=raw)
+    rclpy.init(args=['record', *ros_arguments])
     writer = BagWriter(directory, compression=options.compression)
     node = RecordNode(writer, selection, options.time, options.use_sim_time)
     executor = SingleThreadedExecutor()

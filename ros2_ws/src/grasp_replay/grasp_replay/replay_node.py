@@ -19,7 +19,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
@@ -34,6 +33,7 @@ from grasp_replay.progress import progress_bar
 from grasp_replay.qos import QosProfile, common_offer, parse_qos_text
 from grasp_replay.replay_core import HIGHEST_RATE, Control, Pace, refusal
 from grasp_replay.replay_options import ReplayOptions, parse_options
+from grasp_replay.ros_arguments import split_ros_arguments
 from grasp_replay.ros_types import type_differs
 
 # The publishing thread takes turns with reading ahead and with the services at this period.
@@ -109,7 +109,9 @@ class ReplayNode(Node):
         """Publish stored bytes; False when the middleware refused them."""
         try:
             self._senders[message.topic].publish(message.data)
-        except rclpy_implementation.RCLError:
+        except rclpy_implementation.RCLError as error:
+            if not self.alive():
+                raise ExternalShutdownException from error
             return False
         return True
 
@@ -217,20 +219,20 @@ def _lossless(offer: QosProfile) -> QoSProfile:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `replay`; returns the exit code."""
-    raw = list(sys.argv if arguments is None else ['replay', *arguments])
-    options = parse_options(remove_ros_args(raw)[1:])
+    own, ros = split_ros_arguments(sys.argv[1:] if arguments is None else arguments)
+    options = parse_options(own)
     try:
         with open_bag(options.bag) as bag:
             options.choice.span(bag)
-            return _replay(bag, options, raw)
+            return _replay(bag, options, ros)
     except BagError as error:
         print(f'replay: {error}', file=sys.stderr)
         return 1
 
 
-def _replay(bag: Bag, options: ReplayOptions, raw: list[str]) -> int:
+def _replay(bag: Bag, options: ReplayOptions, ros_arguments: list[str]) -> int:
     sys.setswitchinterval(SWITCH_SECONDS)
-    rclpy.init(args=raw)
+    rclpy.init(args=['replay', *ros_arguments])
     executor = SingleThreadedExecutor()
     services = threading.Thread(target=_spin, args=(executor,), name='services', daemon=True)
     node: ReplayNode | None = None
@@ -267,7 +269,8 @@ def _play(player: Player, options: ReplayOptions) -> int:
             time.sleep(options.delay)
         with progress_bar('replay', 1.0) as show:
             player.run(show)
-        player.finish()
+        if player.stage.alive():
+            player.finish()
     except (KeyboardInterrupt, ExternalShutdownException):
         stopped = True
     _summarise(player, options, stopped or not player.stage.alive())

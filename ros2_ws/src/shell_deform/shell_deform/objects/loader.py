@@ -1,0 +1,255 @@
+"""Object files: strict reading, and the objects that come with the package."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from .shell_object import (
+    DEFAULT_CONTROL_VERTICES,
+    STANDARD_ATMOSPHERE_PA,
+    Cone,
+    Contact,
+    Cylinder,
+    Ellipsoid,
+    Gas,
+    HalfCylinder,
+    HeightField,
+    MeshFile,
+    ObjectError,
+    Revolution,
+    ShellObject,
+    Sphere,
+    Support,
+    Surface,
+    edge_names,
+    is_closed,
+)
+from .yaml_reader import Entry, read_document
+
+_REQUIRED = ('name', 'surface', 'thickness_m', 'young_modulus_pa', 'poisson_ratio')
+_OPTIONAL = ('yield_stress_pa', 'gas', 'supports', 'contacts', 'control_vertices', 'source')
+_SUPPORT_KINDS = ('clamped', 'hinged', 'symmetry', 'diaphragm', 'held')
+
+
+def object_names() -> list[str]:
+    """Names of the objects that come with the package."""
+    return sorted(path.stem for path in _shipped().glob('*.yaml'))
+
+
+def load_object(name_or_path: str | Path) -> ShellObject:
+    """Read a shipped object by name, or an object file by path.
+
+    Raises:
+        ObjectError: no such object, or a file with unknown keys, missing units or impossible
+            values; the message names file and line.
+    """
+    path = Path(name_or_path)
+    if str(name_or_path) in object_names():
+        path = _shipped() / f'{name_or_path}.yaml'
+    elif not path.is_file():
+        raise ObjectError(
+            f'no object file {str(name_or_path)!r}; the shipped objects are '
+            f'{", ".join(object_names())}'
+        )
+    return _read(read_document(path), path.resolve().parent)
+
+
+def _shipped() -> Path:
+    return Path(__file__).parent
+
+
+def _read(root: Entry, folder: Path) -> ShellObject:
+    entries = root.mapping(_REQUIRED, _OPTIONAL)
+    surface = _surface(entries['surface'], folder)
+    thickness, per_vertex = _thickness(entries['thickness_m'], surface)
+    shell = ShellObject(
+        name=entries['name'].text(),
+        surface=surface,
+        thickness_m=thickness,
+        young_modulus_pa=entries['young_modulus_pa'].number(above=0.0, maximum=1e13),
+        poisson_ratio=entries['poisson_ratio'].number(above=-1.0, maximum=0.5),
+        yield_stress_pa=(
+            entries['yield_stress_pa'].number(above=0.0) if 'yield_stress_pa' in entries else None
+        ),
+        gas=_gas(entries['gas'], surface) if 'gas' in entries else Gas(),
+        supports=tuple(_support(entry, surface) for entry in _list(entries, 'supports')),
+        contacts=tuple(_contact(entry, surface) for entry in _list(entries, 'contacts')),
+        control_vertices=(
+            entries['control_vertices'].whole(12, 1_000_000)
+            if 'control_vertices' in entries
+            else DEFAULT_CONTROL_VERTICES
+        ),
+        vertex_thickness_m=per_vertex,
+        source=entries['source'].text() if 'source' in entries else '',
+    )
+    if not shell.name:
+        raise entries['name'].error('name is empty')
+    return shell
+
+
+def _list(entries: dict[str, Entry], key: str) -> list[Entry]:
+    return entries[key].items() if key in entries else []
+
+
+def _length(entry: Entry) -> float:
+    return entry.number(above=0.0, maximum=1000.0)
+
+
+def _sphere(entry: Entry, folder: Path) -> Surface:
+    return Sphere(_length(entry.mapping(['outer_diameter_m'])['outer_diameter_m']))
+
+
+def _ellipsoid(entry: Entry, folder: Path) -> Surface:
+    values = entry.mapping(['outer_diameters_m'])['outer_diameters_m'].items(3)
+    a, b, c = (_length(value) for value in values)
+    return Ellipsoid((a, b, c))
+
+
+def _cylinder(entry: Entry, folder: Path) -> Surface:
+    found = entry.mapping(['outer_diameter_m', 'length_m', 'ends'])
+    ends = cast(Any, found['ends'].text(['open', 'closed']))
+    return Cylinder(_length(found['outer_diameter_m']), _length(found['length_m']), ends)
+
+
+def _half_cylinder(entry: Entry, folder: Path) -> Surface:
+    found = entry.mapping(['outer_diameter_m', 'length_m'])
+    return HalfCylinder(_length(found['outer_diameter_m']), _length(found['length_m']))
+
+
+def _cone(entry: Entry, folder: Path) -> Surface:
+    found = entry.mapping(['outer_diameters_m', 'length_m'])
+    lower, upper = (_length(value) for value in found['outer_diameters_m'].items(2))
+    return Cone((lower, upper), _length(found['length_m']))
+
+
+def _revolution(entry: Entry, folder: Path) -> Surface:
+    rows = entry.mapping(['outer_profile_m'])['outer_profile_m'].items()
+    if len(rows) < 2:
+        raise entry.error(f'outer_profile_m has {len(rows)} points; at least two are needed')
+    points: list[tuple[float, float]] = []
+    for position, row in enumerate(rows):
+        radius, height = row.items(2)
+        inner = 0 < position < len(rows) - 1
+        r = radius.number(minimum=0.0, maximum=1000.0)
+        if inner and r == 0.0:
+            raise row.error(
+                'the radius is zero inside the profile; only its ends may touch the axis'
+            )
+        point = (r, height.number(minimum=-1000.0, maximum=1000.0))
+        if points and point == points[-1]:
+            raise row.error('this point of the profile repeats the one before')
+        points.append(point)
+    return Revolution(tuple(points))
+
+
+def _height_field(entry: Entry, folder: Path) -> Surface:
+    found = entry.mapping(['file', 'spacing_m'])
+    return HeightField(_file(found['file'], folder), _length(found['spacing_m']))
+
+
+def _mesh(entry: Entry, folder: Path) -> Surface:
+    found = entry.mapping(['file', 'unit', 'face'])
+    unit = cast(Any, found['unit'].text(['m', 'cm', 'mm', 'in']))
+    face = cast(Any, found['face'].text(['outer', 'middle', 'control']))
+    return MeshFile(_file(found['file'], folder), unit, face)
+
+
+_SURFACES: dict[str, Callable[[Entry, Path], Surface]] = {
+    'sphere': _sphere,
+    'ellipsoid': _ellipsoid,
+    'cylinder': _cylinder,
+    'half_cylinder': _half_cylinder,
+    'cone': _cone,
+    'revolution': _revolution,
+    'height_field': _height_field,
+    'mesh': _mesh,
+}
+
+
+def _surface(entry: Entry, folder: Path) -> Surface:
+    kind, inner = entry.one_of(_SURFACES)
+    return _SURFACES[kind](inner, folder)
+
+
+def _file(entry: Entry, folder: Path) -> Path:
+    path = folder / entry.text()
+    if not path.is_file():
+        raise entry.error(f'there is no file {path}')
+    return path
+
+
+def _smallest_radius(surface: Surface) -> float:
+    if isinstance(surface, Sphere | Cylinder | HalfCylinder):
+        return 0.5 * surface.outer_diameter_m
+    if isinstance(surface, Ellipsoid | Cone):
+        return 0.5 * min(surface.outer_diameters_m)
+    return np.inf
+
+
+def _thickness(entry: Entry, surface: Surface) -> tuple[float, npt.NDArray[np.float64] | None]:
+    if not entry.is_list:
+        value = entry.number(above=0.0, maximum=1.0)
+        radius = _smallest_radius(surface)
+        if value >= radius:
+            raise entry.error(
+                f'thickness_m is {value:g}, not below the smallest outer radius {radius:g}'
+            )
+        return value, None
+    if not (isinstance(surface, MeshFile) and surface.face == 'control'):
+        raise entry.error('a thickness per vertex needs surface: mesh with face: control')
+    values = np.array([item.number(above=0.0, maximum=1.0) for item in entry.items()])
+    if len(values) == 0:
+        raise entry.error('thickness_m is an empty list')
+    values.setflags(write=False)
+    return float(values.mean()), values
+
+
+def _gas(entry: Entry, surface: Surface) -> Gas:
+    found = entry.mapping(['kind'], ['gauge_pressure_pa', 'ambient_pa'])
+    kind = cast(Any, found['kind'].text(['none', 'open', 'sealed']))
+    if kind == 'sealed' and is_closed(surface) is False:
+        raise found['kind'].error(f'an open {surface.kind} cannot hold sealed gas')
+    if kind != 'sealed' and 'gauge_pressure_pa' in found:
+        raise found['gauge_pressure_pa'].error(f'gauge_pressure_pa needs kind: sealed, not {kind}')
+    ambient = STANDARD_ATMOSPHERE_PA
+    if 'ambient_pa' in found:
+        ambient = found['ambient_pa'].number(minimum=0.0, maximum=1e8)
+    gauge = 0.0
+    if 'gauge_pressure_pa' in found:
+        gauge = found['gauge_pressure_pa'].number(minimum=-ambient, maximum=1e8)
+    return Gas(kind, gauge, ambient)
+
+
+def _support(entry: Entry, surface: Surface) -> Support:
+    found = entry.mapping(['kind', 'where'])
+    where = found['where'].text()
+    names = ('boundary', *edge_names(surface))
+    axis, _, level = where.partition('=')
+    is_plane = axis in ('x', 'y', 'z') and _is_number(level)
+    if where not in names and not is_plane:
+        raise found['where'].error(
+            f'where is {where!r}; allowed are {", ".join(names)}, or a plane such as x=0'
+        )
+    if not is_plane and is_closed(surface):
+        raise found['where'].error(f'a closed {surface.kind} has no {where}')
+    return Support(cast(Any, found['kind'].text(_SUPPORT_KINDS)), where)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _contact(entry: Entry, surface: Surface) -> Contact:
+    found = entry.mapping(['at_m', 'radius_m', 'kind'])
+    x, y, z = (value.number(minimum=-1000, maximum=1000) for value in found['at_m'].items(3))
+    radius = found['radius_m'].number(above=0.0, maximum=_smallest_radius(surface))
+    return Contact((x, y, z), radius, cast(Any, found['kind'].text(['pin', 'pad'])))

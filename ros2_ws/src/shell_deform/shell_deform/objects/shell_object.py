@@ -1,0 +1,178 @@
+"""What the suite knows about one thin shell: shape, wall, material, gas, supports, contacts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+STANDARD_ATMOSPHERE_PA = 101_325.0
+DEFAULT_CONTROL_VERTICES = 640
+
+
+class ObjectError(ValueError):
+    """An object file or object that cannot be used; the message says where and what is allowed."""
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A sphere about the origin."""
+
+    outer_diameter_m: float
+    kind: ClassVar[str] = 'sphere'
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """An ellipsoid about the origin with its axes along x, y, z."""
+
+    outer_diameters_m: tuple[float, float, float]
+    kind: ClassVar[str] = 'ellipsoid'
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A circular cylinder about z, from -length / 2 to length / 2; closed ends are flat."""
+
+    outer_diameter_m: float
+    length_m: float
+    ends: Literal['open', 'closed']
+    kind: ClassVar[str] = 'cylinder'
+
+
+@dataclass(frozen=True)
+class HalfCylinder:
+    """The half y >= 0 of an open cylinder about z; its crown is the line x = 0, y = radius."""
+
+    outer_diameter_m: float
+    length_m: float
+    kind: ClassVar[str] = 'half_cylinder'
+
+
+@dataclass(frozen=True)
+class Cone:
+    """A truncated cone about z: the first diameter at z = -length / 2, the second at the top."""
+
+    outer_diameters_m: tuple[float, float]
+    length_m: float
+    kind: ClassVar[str] = 'cone'
+
+
+@dataclass(frozen=True)
+class Revolution:
+    """A surface of revolution about z; its profile lists (radius, height), outside to the right.
+
+    A profile that starts or ends at radius zero closes there; elsewhere the surface is open.
+    """
+
+    outer_profile_m: tuple[tuple[float, float], ...]
+    kind: ClassVar[str] = 'revolution'
+
+
+@dataclass(frozen=True)
+class HeightField:
+    """Heights z over a rectangular grid about the origin of the x-y plane; outside is above."""
+
+    file: Path
+    spacing_m: float
+    kind: ClassVar[str] = 'height_field'
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """A triangle mesh from a file: the outer face, the middle surface, or the control mesh."""
+
+    file: Path
+    unit: Literal['m', 'cm', 'mm', 'in']
+    face: Literal['outer', 'middle', 'control']
+    kind: ClassVar[str] = 'mesh'
+
+
+Surface = Sphere | Ellipsoid | Cylinder | HalfCylinder | Cone | Revolution | HeightField | MeshFile
+
+
+@dataclass(frozen=True)
+class Gas:
+    """What fills a closed shell; V0 is the volume inside the undeformed middle surface."""
+
+    kind: Literal['none', 'open', 'sealed'] = 'none'
+    gauge_pressure_pa: float = 0.0
+    ambient_pa: float = STANDARD_ATMOSPHERE_PA
+
+
+@dataclass(frozen=True)
+class Support:
+    """A part of the surface that is held.
+
+    Attributes:
+        kind: what is held.
+        where: 'boundary', the name of an edge (see `edge_names`), or a plane such as 'x=0'.
+    """
+
+    kind: Literal['clamped', 'hinged', 'symmetry', 'diaphragm', 'held']
+    where: str
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A place where the object is touched, on its outer face."""
+
+    at_m: tuple[float, float, float]
+    radius_m: float
+    kind: Literal['pin', 'pad']
+
+
+@dataclass(frozen=True)
+class ShellObject:
+    """One thin shell.
+
+    Attributes:
+        thickness_m: wall thickness, or its mean where `vertex_thickness_m` is given.
+        vertex_thickness_m: (n,) thickness at each vertex of a control mesh, else None.
+        source: where the numbers come from.
+    """
+
+    name: str
+    surface: Surface
+    thickness_m: float
+    young_modulus_pa: float
+    poisson_ratio: float
+    yield_stress_pa: float | None = None
+    gas: Gas = field(default_factory=Gas)
+    supports: tuple[Support, ...] = ()
+    contacts: tuple[Contact, ...] = ()
+    control_vertices: int = DEFAULT_CONTROL_VERTICES
+    vertex_thickness_m: npt.NDArray[np.float64] | None = None
+    source: str = ''
+
+
+_EDGES: dict[str, tuple[str, ...]] = {
+    'cylinder': ('lower', 'upper'),
+    'cone': ('lower', 'upper'),
+    'revolution': ('lower', 'upper'),
+    'half_cylinder': ('straight', 'ends'),
+    'height_field': ('left', 'right', 'front', 'back'),
+}
+
+
+def edge_names(surface: Surface) -> tuple[str, ...]:
+    """Names of the edges that a support may hold, besides 'boundary' and planes."""
+    if isinstance(surface, Cylinder) and surface.ends == 'closed':
+        return ()
+    return _EDGES.get(surface.kind, ())
+
+
+def is_closed(surface: Surface) -> bool | None:
+    """True for a closed surface, False for an open one, None where only the file knows."""
+    if isinstance(surface, Sphere | Ellipsoid):
+        return True
+    if isinstance(surface, Cylinder):
+        return surface.ends == 'closed'
+    if isinstance(surface, Revolution):
+        return surface.outer_profile_m[0][0] == 0.0 and surface.outer_profile_m[-1][0] == 0.0
+    if isinstance(surface, MeshFile):
+        return None
+    return False

@@ -1,0 +1,200 @@
+"""Figures of the bag tools: reading, memory, damage, replay. `python tests/benchmarks/bags.py`.
+
+`--long` reads a bag of 1 GB and makes 100 000 mutations instead of 100 MB and 2 000.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2] / 'ros2_ws/src/grasp_replay/test'))
+
+from bag_damage import damage, original, recovered, untouched  # noqa: E402
+from bag_samples import write_strings  # noqa: E402
+
+from grasp_replay.bag_reader import open_bag  # noqa: E402
+from grasp_replay.bag_writer import BagWriter  # noqa: E402
+from grasp_replay.qos import QosProfile, qos_text  # noqa: E402
+
+Row = tuple[str, str, str]
+MEGABYTE = 2**20
+
+
+def wrench_cdr(index: int, nanoseconds: int) -> bytes:
+    """A geometry_msgs/WrenchStamped whose force along x counts the messages."""
+    header = struct.pack('<iIIB3x', nanoseconds // 10**9, nanoseconds % 10**9, 1, 0)
+    return b'\x00\x01\x00\x00' + header + struct.pack('<6d', index, 0, 0, 0, 0, 0)
+
+
+def write_wrenches(path: Path, count: int, rate_hz: float) -> Path:
+    """A bag with one stream of wrenches."""
+    with BagWriter(path) as writer:
+        topic = writer.add_topic('/w', 'geometry_msgs/msg/WrenchStamped', qos_text(QosProfile()))
+        for index in range(count):
+            nanoseconds = int(index * 1e9 / rate_hz)
+            writer.write(topic, wrench_cdr(index, nanoseconds), nanoseconds)
+    return path
+
+
+def write_clouds(path: Path, megabytes: int) -> Path:
+    """A bag of 1.6 MB messages without compression, `megabytes` in all."""
+    payload = random.Random(1).randbytes(1_600_000)
+    with BagWriter(path, compression='none') as writer:
+        topic = writer.add_topic('/scan', 'std_msgs/msg/String')
+        for index in range(megabytes * MEGABYTE // len(payload)):
+            writer.write(topic, payload, index * 100_000_000)
+    return path
+
+
+def reading(folder: Path) -> Iterator[Row]:
+    """Raw messages per second."""
+    bag_path = write_wrenches(folder / 'wrenches', 200_000, 1000.0)
+    begin = time.perf_counter()
+    with open_bag(bag_path) as bag:
+        count = sum(1 for _ in bag.messages())
+    rate = count / (time.perf_counter() - begin)
+    yield 'reading raw messages', f'{rate:.0f} /s', '>= 50000 /s'
+
+
+def peak_memory(code: str, *arguments: str) -> float:
+    """Peak resident memory (MB) that `code` adds to an interpreter with the package loaded."""
+    script = (
+        'import sys\n'
+        'from grasp_replay import bag_reader, bag_repair, bag_writer\n'
+        'from pathlib import Path\n'
+        'peak = lambda: int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])\n'
+        'base = peak()\n'
+        f'{code}\n'
+        'print((peak() - base) / 1024)\n'
+    )
+    output = subprocess.run(
+        [sys.executable, '-c', script, *arguments], check=True, capture_output=True, text=True
+    ).stdout
+    return float(output.split()[-1])
+
+
+def memory(folder: Path, long: bool) -> Iterator[Row]:
+    """Memory while reading and while recovering large bags."""
+    for size in (100, 1000) if long else (50, 200):
+        bag_path = write_clouds(folder / f'clouds_{size}', size)
+        read = 'list(0 for _ in bag_reader.open_bag(sys.argv[1]).messages())'
+        grown = peak_memory(read, str(bag_path))
+        yield f'memory, reading {size} MB', f'{grown:.0f} MB', 'constant'
+        file = bag_path / f'{bag_path.name}_0.mcap'
+        os.truncate(file, file.stat().st_size - 1000)
+        save = 'bag_repair.recover(bag_repair.examine([Path(sys.argv[1])]), Path(sys.argv[2]))'
+        grown = peak_memory(save, str(file), str(folder / f'saved_{size}'))
+        yield f'memory, recovering {size} MB', f'{grown:.0f} MB', f'<= {3 * size + 64} MB'
+
+
+def mutations(folder: Path, count: int) -> Iterator[Row]:
+    """Random damage of a larger bag: what is recovered, and the slowest scan."""
+    messages = [(f'/t{i % 4}', i * 20_000_000, f'message {i} ' * 9) for i in range(1000)]
+    path = write_strings(folder / 'larger', messages, compression='zstd', chunk_every=50)
+    source = original((path / 'larger_0.mcap').read_bytes())
+    everything = set().union(*source.messages)
+    generator = random.Random(7)
+    crashes = missing = invented = 0
+    slowest = 0.0
+    for _ in range(count):
+        content, start, end = damage(source.content, generator)
+        begin = time.perf_counter()
+        try:
+            _, found = recovered(content)
+        except Exception:
+            crashes += 1
+            continue
+        slowest = max(slowest, time.perf_counter() - begin)
+        missing += not untouched(source, start, end) <= found
+        invented += not found <= everything
+    what = f'{count} mutations of {len(source.content) // 1024} KB'
+    yield f'{what}: crashes', str(crashes), '0'
+    yield f'{what}: with a whole chunk missing', str(missing), '0'
+    yield f'{what}: with invented messages', str(invented), '0'
+    yield f'{what}: slowest scan', f'{1e3 * slowest:.0f} ms', 'no hang'
+
+
+LISTENER = """
+import sys, time, rclpy
+from geometry_msgs.msg import WrenchStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import HistoryPolicy, QoSProfile
+rclpy.init()
+node = rclpy.create_node('listener')
+seen = []
+take = lambda message: seen.append(message.wrench.force.x)
+node.create_subscription(WrenchStamped, '/w', take, QoSProfile(history=HistoryPolicy.KEEP_ALL))
+executor = SingleThreadedExecutor()
+executor.add_node(node)
+deadline = time.monotonic() + 120
+while len(seen) < int(sys.argv[1]) and time.monotonic() < deadline:
+    executor.spin_once(timeout_sec=0.1)
+print(len(seen), seen == sorted(seen))
+"""
+
+
+def replaying(folder: Path, seconds: int) -> Iterator[Row]:
+    """Lateness and loss of `replay` at rate 1 with 1 000 messages per second."""
+    environment = {
+        **os.environ,
+        'ROS_DOMAIN_ID': '99',
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    }
+    count = 1000 * seconds
+    bag_path = write_wrenches(folder / 'stream', count, 1000.0)
+    listener = subprocess.Popen(
+        [sys.executable, '-c', LISTENER, str(count)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+    try:
+        done = subprocess.run(
+            [Path(sys.executable).parent / 'replay', bag_path, '--wait-for', '/w', '--json'],
+            check=True,
+            capture_output=True,
+            text=True,
+            env=environment,
+            timeout=120,
+        )
+        arrived, ordered = listener.communicate(timeout=120)[0].split()
+    finally:
+        listener.kill()
+    report = json.loads(done.stdout)
+    what = f'replay of {count} messages at 1000 /s'
+    yield f'{what}: lost', str(count - int(arrived)), '0'
+    yield f'{what}: in order', ordered, 'True'
+    yield f'{what}: lateness median', f'{1e3 * report["lateness_median_s"]:.2f} ms', '<= 0.5 ms'
+    yield f'{what}: lateness 99 %', f'{1e3 * report["lateness_p99_s"]:.2f} ms', '<= 5 ms'
+
+
+def rows(long: bool = False) -> Iterator[Row]:
+    """Every figure as (what, value, goal)."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        yield from reading(folder)
+        yield from replaying(folder, 30 if long else 10)
+        yield from mutations(folder, 100_000 if long else 2000)
+        yield from memory(folder, long)
+
+
+def main() -> None:
+    """Print the figures, tab-separated."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--long', action='store_true', help='the full figures (minutes)')
+    for row in rows(parser.parse_args().long):
+        print('\t'.join(row), flush=True)
+
+
+if __name__ == '__main__':
+    main()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from barrett_hand_bridge.kinematics import Array
+from barrett_hand_bridge.kinematics import Array, length
 
 FLAG_CONTACT = 1
 FLAG_SATURATED = 2
@@ -69,10 +69,10 @@ def normal_force(
 def opposed_normals(first: Array, second: Array) -> tuple[Array, Array]:
     """Inward normals of two contacts that face each other: along the line between them."""
     line = second - first
-    length = float(np.linalg.norm(line))
-    if length < 1e-6:
+    distance = length(line)
+    if distance < 1e-6:
         return np.array([1.0, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])
-    return line / length, -line / length
+    return line / distance, -line / distance
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ class TouchTracker:
         while index > 0 and float(np.mean(forces[max(index - 4, 0) : index + 1])) > 0.5 * noise_n:
             index -= 1
         self._origin = points[index]
-        rise = float(np.linalg.norm(points[-1] - points[index]))
+        rise = length(points[-1] - points[index])
         # The pin moved this far while the force rose to the threshold: touch lies within it.
         self._origin_sigma_m = 0.5 * rise
 

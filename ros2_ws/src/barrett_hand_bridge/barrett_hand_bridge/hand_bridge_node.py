@@ -19,7 +19,8 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.clock import ClockType
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -90,10 +91,11 @@ class HandBridge(LifecycleNode):
         self._active = False
         self._rate = Rate()
         self._delays = Delays()
+        self._states_ns = 0
         self._losses = 0
         self._lates = 0
         self._motion_text = ''
-        self._steady = rclpy.clock.Clock(clock_type=ClockType.STEADY_TIME)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
 
     def values(self) -> dict[str, Any]:
         """All parameter values by name, arrays as lists."""
@@ -157,8 +159,10 @@ class HandBridge(LifecycleNode):
             'open': self._open,
             'close': self._close,
         }
+        # A waiting service holds its callback group: reentrant, or it would block everything else.
+        group = ReentrantCallbackGroup()
         self._services = [
-            self.create_service(Trigger, f'hand/{name}', _trigger(action))
+            self.create_service(Trigger, f'hand/{name}', _trigger(action), callback_group=group)
             for name, action in services.items()
         ]
         self._trajectories = self.create_subscription(
@@ -324,6 +328,12 @@ class HandBridge(LifecycleNode):
             messages.contacts_message(contacts, stamp, self._values['hand_frame'])
         )
         self._delays.add((time.monotonic_ns() - received_ns) * 1e-9)
+        if (
+            stamp - self._states_ns < 0.95e9 / self._values['state_rate']
+            and stamp > self._states_ns
+        ):
+            return
+        self._states_ns = stamp
         torques = {finger: readings[finger].torque_nm for finger in FINGERS}
         self._joints.publish(
             messages.joint_states_message(
@@ -521,6 +531,10 @@ def main(arguments: list[str] | None = None) -> int:
             executor.spin_once(timeout_sec=0.5)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except Exception:
+        # A publisher complains when the signal came between two of its messages.
+        if rclpy.ok():
+            raise
     finally:
         node.end()
         executor.remove_node(node)

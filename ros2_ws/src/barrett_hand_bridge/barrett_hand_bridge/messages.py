@@ -16,7 +16,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from barrett_hand_bridge.contacts import Contact
 from barrett_hand_bridge.hand import FINGERS, SPREAD
-from barrett_hand_bridge.kinematics import Array, JointAngles
+from barrett_hand_bridge.kinematics import Array, JointAngles, cross
 from barrett_hand_bridge.motion import MotionError, TrajectoryPoint
 from barrett_hand_bridge.observer import FingerReading
 
@@ -118,7 +118,7 @@ def wrench_message(reading: FingerReading, stamp_ns: int, frame: str) -> WrenchS
     contact = reading.contact
     rotation, origin = reading.frames.tip[:3, :3], reading.frames.tip[:3, 3]
     force = rotation.T @ contact.force
-    torque = np.cross(rotation.T @ (contact.point - origin), force)
+    torque = cross(rotation.T @ (contact.point - origin), force)
     message = WrenchStamped(header=header(stamp_ns, frame))
     message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = map(float, force)
     message.wrench.torque.x, message.wrench.torque.y, message.wrench.torque.z = map(float, torque)

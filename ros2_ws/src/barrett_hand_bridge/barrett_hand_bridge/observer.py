@@ -31,6 +31,7 @@ from barrett_hand_bridge.kinematics import (
     finger_frames,
     gravity_torque,
     joint_angles,
+    length,
     pin_direction,
     pin_end,
     torque_arm,
@@ -229,7 +230,7 @@ class HandObserver:
         point = ends[finger]
         normal, sigma_direction = self._normal(finger, frames, ends)
         arm = torque_arm(frames, point, normal)
-        reach = float(np.linalg.norm(point - frames.joint_3[:3, 3]))
+        reach = length(point - frames.joint_3[:3, 3])
         sigma_arm = math.hypot(pin.position_sigma_m, reach * sigma_direction)
         flags = torque.flags
         force = normal_force(torque.value_nm, torque.sigma_nm, arm, sigma_arm)
@@ -286,7 +287,7 @@ class HandObserver:
             return pin_direction(frames, pin), pin.direction_sigma_rad
         first, second = ends[opposed[0]], ends[opposed[1]]
         normals = opposed_normals(first, second)
-        gap = max(float(np.linalg.norm(second - first)), 1e-6)
+        gap = max(length(second - first), 1e-6)
         return normals[opposed.index(finger)], math.sqrt(2.0) * pin.position_sigma_m / gap
 
     def _follow_zero(self, finger: int, counts: int | None, touching: bool, time_s: float) -> None:

@@ -29,7 +29,13 @@ class OwnEmulator:
         """
         self._folder = tempfile.TemporaryDirectory(prefix='hand_emulator_')
         weighings = Path(self._folder.name) / 'weighings.csv'
-        command = [sys.executable, '-m', 'barrett_hand_bridge.commands.hand_emulator', '--json']
+        command = [
+            sys.executable,
+            '-m',
+            'barrett_hand_bridge.commands.hand_emulator',
+            '--json',
+            '--until-eof',
+        ]
         command += ['--seed', str(seed), '--weigh', str(weighings)]
         if object_file:
             command += ['--object', object_file]
@@ -37,7 +43,7 @@ class OwnEmulator:
             command,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE,
             start_new_session=True,
         )
         try:
@@ -77,7 +83,7 @@ class OwnEmulator:
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
-        for stream in (self._process.stdout, self._process.stderr):
+        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
             if stream is not None:
                 stream.close()
         self._folder.cleanup()

@@ -57,6 +57,13 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         'poll_period', 0.0, 'time between cycles in ROS time (s); 0: as fast as the link', 0.0, 1.0
     ),
+    Parameter(
+        'state_rate',
+        100.0,
+        'highest rate of joint states, wrenches and gauge counts (Hz); contacts come every cycle',
+        1.0,
+        1000.0,
+    ),
     Parameter('hand_frame', 'hand_base', 'frame of contacts: the palm of the hand'),
     Parameter(
         'tip_frames',

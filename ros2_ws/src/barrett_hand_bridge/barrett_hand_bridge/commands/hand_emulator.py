@@ -51,6 +51,9 @@ def parser() -> argparse.ArgumentParser:
         '--once', action='store_true', help='leave after --weigh instead of serving'
     )
     command.add_argument(
+        '--until-eof', action='store_true', help='leave when stdin ends (its starter is gone)'
+    )
+    command.add_argument(
         '--json', action='store_true', help='say where the hand is as one JSON line'
     )
     return command
@@ -88,9 +91,16 @@ def _serve(options: argparse.Namespace) -> int:
     port.start()
     where = str(options.link or port.path)
     print(json.dumps({'port': where}) if options.json else f'BH8-262 on {where}', flush=True)
+    if options.until_eof:
+        threading.Thread(target=_leave_at_eof, args=(ended,), daemon=True).start()
     ended.wait()
     port.stop()
     return 0
+
+
+def _leave_at_eof(ended: threading.Event) -> None:
+    sys.stdin.buffer.read()
+    ended.set()
 
 
 if __name__ == '__main__':

@@ -182,13 +182,12 @@ class HandMechanics:
             forces: Mapping[int, float], inward: Mapping[int, Vector]
         ) -> Mapping[int, Vector]:
             return {
-                finger: self._bent_pose(
-                    finger, forces.get(finger, 0.0), inward.get(finger)
-                ).pin_tip
-                for finger in FINGERS
+                finger: self._bent_pose(finger, forces.get(finger, 0.0), direction).pin_tip
+                for finger, direction in inward.items()
             }
 
-        self._loads = contact_loads(self.squeezed, tips)
+        before = max((load.force_n for load in self._loads.values()), default=0.0)
+        self._loads = contact_loads(self.squeezed, tips, before)
         for finger in FINGERS:
             load = self._loads.get(finger, NO_LOAD)
             pose = self._bent_pose(finger, load.force_n, load.inward if load.force_n else None)

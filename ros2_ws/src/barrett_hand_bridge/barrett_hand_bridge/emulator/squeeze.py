@@ -91,16 +91,21 @@ class ContactLoad:
 
 NO_LOAD = ContactLoad((0.0, 0.0, 0.0), 0.0, 0.0, (0.0, 0.0, 0.0))
 
-# Given a force in N per finger: where the pin tips then are, links bent back by that force.
+# Given a force in N and its direction per finger: where those pin tips are, bent back by it.
 PinTips = Callable[[Mapping[int, float], Mapping[int, Vector]], Mapping[int, Vector]]
 
 
-def contact_loads(squeezed: Squeezed | None, tips: PinTips) -> dict[int, ContactLoad]:
-    """Loads of all touching fingers in equilibrium with the yielding of the fingers' tendons."""
+def contact_loads(
+    squeezed: Squeezed | None, tips: PinTips, near_n: float = 0.0
+) -> dict[int, ContactLoad]:
+    """Loads of all touching fingers in equilibrium with the yielding of the fingers' tendons.
+
+    `near_n` is a guess of the force: the search starts there.
+    """
     if squeezed is None:
         return {}
     if isinstance(squeezed, Pinched):
-        return _pinch(squeezed, tips)
+        return _pinch(squeezed, tips, near_n)
     loads: dict[int, ContactLoad] = {}
     for finger, point in squeezed.points.items():
         normal = squeezed.normals[finger]
@@ -111,7 +116,7 @@ def contact_loads(squeezed: Squeezed | None, tips: PinTips) -> dict[int, Contact
             tip = tips({finger: force}, {finger: n})[finger]
             return dot(subtract(tip, p), n) - squeezed.table.displacement(force)
 
-        force = _rising_force(overlap)
+        force = _rising_force(overlap, near_n)
         if force > 0.0:
             loads[finger] = ContactLoad(
                 scale(normal, -force), force, squeezed.table.displacement(force), normal
@@ -119,22 +124,22 @@ def contact_loads(squeezed: Squeezed | None, tips: PinTips) -> dict[int, Contact
     return loads
 
 
-def _pinch(squeezed: Pinched, tips: PinTips) -> dict[int, ContactLoad]:
+def _pinch(squeezed: Pinched, tips: PinTips, near_n: float) -> dict[int, ContactLoad]:
     first, second = squeezed.fingers
 
     def directions(at: Mapping[int, Vector]) -> dict[int, Vector]:
         line = unit(subtract(at[second], at[first]))
         return {first: line, second: scale(line, -1.0)}
 
-    free = tips({}, {})
-    inward = directions(free)
+    unloaded: dict[int, Vector] = {first: (0.0, 0.0, 0.0), second: (0.0, 0.0, 0.0)}
+    inward = directions(tips({}, unloaded))
 
     def overlap(force: float) -> float:
         at = tips({first: force, second: force}, inward)
         gap = subtract(at[second], at[first])
         return squeezed.width_m - math.sqrt(dot(gap, gap)) - 2 * squeezed.table.displacement(force)
 
-    force = _rising_force(overlap)
+    force = _rising_force(overlap, near_n)
     if force <= 0.0:
         return {}
     inward = directions(tips({first: force, second: force}, inward))
@@ -145,12 +150,12 @@ def _pinch(squeezed: Pinched, tips: PinTips) -> dict[int, ContactLoad]:
     }
 
 
-def _rising_force(overlap: Callable[[float], float]) -> float:
+def _rising_force(overlap: Callable[[float], float], near_n: float) -> float:
     """The force in N at which a falling overlap (m) reaches zero; 0 if it starts below zero."""
     at_low = overlap(0.0)
     if at_low <= 0.0:
         return 0.0
-    low, high = 0.0, 4.0
+    low, high = 0.0, max(1.02 * near_n, 0.2)
     at_high = overlap(high)
     while at_high > 0.0:
         low, at_low = high, at_high
@@ -158,9 +163,11 @@ def _rising_force(overlap: Callable[[float], float]) -> float:
         if high > 1e4:
             raise SqueezeError('the fingers meet inside the object: it yields without end')
         at_high = overlap(high)
+    if at_high < 0.0 and (below := 0.96 * high) > low and (at_below := overlap(below)) > 0.0:
+        low, at_low = below, at_below
     for _ in range(60):
         guess = high - at_high * (high - low) / (at_high - at_low)
-        guess = min(max(guess, low + 0.05 * (high - low)), high - 0.05 * (high - low))
+        guess = min(max(guess, low + 0.01 * (high - low)), high - 0.01 * (high - low))
         value = overlap(guess)
         if value > 0.0:
             low, at_low = guess, value

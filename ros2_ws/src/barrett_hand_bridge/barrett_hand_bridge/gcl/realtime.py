@@ -153,7 +153,8 @@ def encode_control(layout: Layout, velocities: Mapping[int, float]) -> bytes:
                     f'motor {motor}: velocity {velocities[motor]:g} counts per sample beyond '
                     f'+-{layout.highest_velocity:g}'
                 )
-            data.append(raw & 0xFF)
+            # 3 is Ctrl-C, which ends RealTime mode even in the middle of a block.
+            data.append((2 if raw == 3 else raw) & 0xFF)
     return bytes(data)
 
 

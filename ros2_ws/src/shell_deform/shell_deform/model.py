@@ -120,20 +120,23 @@ class ShellModel:
         """Tangent at the undeformed shape: all that linear theory needs."""
         return self._nonlinear_tangent(self.rest)
 
-    def tangent(self, positions: Array) -> Tangent:
-        """Energy, gradient and stiffness at control positions (n, 3)."""
+    def tangent(self, positions: Array, target: Array | None = None) -> Tangent:
+        """Energy, gradient and stiffness at control positions (n, 3).
+
+        `target`: where support conditions are moved to [m], None to keep them in place.
+        """
         if not THEORIES[self.theory].is_linear:
-            return self._nonlinear_tangent(positions)
+            return self._nonlinear_tangent(positions, target)
         rest = self.rest_tangent
-        energy, gradient = self._linear_gradient(positions)
+        energy, gradient = self._linear_gradient(positions, target)
         return Tangent(
             energy, gradient, rest.stiffness, rest.gas_row, rest.gas_stiffness, rest.gas_pressure
         )
 
-    def gradient(self, positions: Array) -> tuple[float, Array]:
+    def gradient(self, positions: Array, target: Array | None = None) -> tuple[float, Array]:
         """Energy [J] and gradient (N,) [N] at control positions, without the stiffness."""
         if THEORIES[self.theory].is_linear:
-            return self._linear_gradient(positions)
+            return self._linear_gradient(positions, target)
         energy, gradient = self.shell.gradient(self.theory, positions)
         if self.gas.is_sealed or self.pressure:
             volume, row = self.shell.volume(positions)
@@ -141,8 +144,8 @@ class ShellModel:
             gradient -= self.overpressure(volume) * row
         if self.supports is not None:
             moved = positions - self.rest
-            energy += self.supports.energy(moved)
-            gradient += self.supports.force(moved)
+            energy += self.supports.energy(moved, target)
+            gradient += self.supports.force(moved, target)
         return energy, gradient.reshape(-1)
 
     def overpressure(self, volume: float) -> float:
@@ -158,14 +161,17 @@ class ShellModel:
         ratio = volume / self.rest_volume
         return self.rest_volume * self.gas.energy_density(ratio) - self.pressure * change
 
-    def _linear_gradient(self, positions: Array) -> tuple[float, Array]:
+    def _linear_gradient(self, positions: Array, target: Array | None) -> tuple[float, Array]:
         rest = self.rest_tangent
         moved = (positions - self.rest).reshape(-1)
+        start = rest.gradient
+        if self.supports is not None and target is not None:
+            start = start + self.supports.force(np.zeros_like(self.rest), target).reshape(-1)
         force = rest.stiffness @ moved + rest.gas_stiffness * rest.gas_row * (rest.gas_row @ moved)
-        energy = float(0.5 * moved @ force + rest.gradient @ moved)
-        return energy, rest.gradient + force
+        energy = float(0.5 * moved @ force + start @ moved)
+        return energy, start + force
 
-    def _nonlinear_tangent(self, positions: Array) -> Tangent:
+    def _nonlinear_tangent(self, positions: Array, target: Array | None = None) -> Tangent:
         energy, gradient, data = self.shell.tangent(self.theory, positions)
         row = np.zeros_like(positions)
         stiffness, pressure = 0.0, 0.0
@@ -181,8 +187,8 @@ class ShellModel:
                 stiffness = -self.gas.pressure_slope(ratio) / self.rest_volume
         if self.supports is not None:
             moved = positions - self.rest
-            energy += self.supports.energy(moved)
-            gradient += self.supports.force(moved)
+            energy += self.supports.energy(moved, target)
+            gradient += self.supports.force(moved, target)
         data += self._fixed_values
         matrix = self.shell.pattern.matrix(data)
         return Tangent(energy, gradient.reshape(-1), matrix, row.reshape(-1), stiffness, pressure)

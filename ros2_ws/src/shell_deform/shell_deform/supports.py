@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 # Spring stiffness over wall stiffness: large against the wall, small against 1 / round-off.
-STIFFNESS_RATIO = 1e6
+STIFFNESS_RATIO = 1e4
 
 
 class SupportError(ValueError):
@@ -50,23 +50,27 @@ class SupportRows:
         np.add.at(rows, (self.nodes, slice(None), row), self.coefficients)
         return rows.reshape(3 * size, -1)
 
-    def stretch(self, displacement: Array) -> Array:
-        """(k,) what each condition lacks [m] for control displacements (n, 3)."""
+    def stretch(self, displacement: Array, target: Array | None = None) -> Array:
+        """(k,) what each condition lacks [m] for control displacements (n, 3).
+
+        `target` (k,) is where the conditions are moved to; None keeps them at zero.
+        """
         row = np.repeat(np.arange(len(self.stiffness)), np.diff(self.offsets))
         products = np.einsum('ei,ei->e', self.coefficients, displacement[self.nodes])
-        return np.bincount(row, products, minlength=len(self.stiffness))
+        motion = np.bincount(row, products, minlength=len(self.stiffness))
+        return motion if target is None else motion - target
 
-    def force(self, displacement: Array) -> Array:
+    def force(self, displacement: Array, target: Array | None = None) -> Array:
         """(n, 3) gradient of the spring energy [N] at control displacements (n, 3)."""
-        pull = self.stiffness * self.stretch(displacement)
+        pull = self.stiffness * self.stretch(displacement, target)
         row = np.repeat(np.arange(len(self.stiffness)), np.diff(self.offsets))
         result = np.zeros_like(displacement)
         np.add.at(result, self.nodes, pull[row, None] * self.coefficients)
         return result
 
-    def energy(self, displacement: Array) -> float:
+    def energy(self, displacement: Array, target: Array | None = None) -> float:
         """Spring energy [J]."""
-        return float(0.5 * self.stiffness @ self.stretch(displacement) ** 2)
+        return float(0.5 * self.stiffness @ self.stretch(displacement, target) ** 2)
 
     def stiffness_values(self, shell: Discretisation) -> Array:
         """Their stiffness as values of the shell's sparsity pattern."""

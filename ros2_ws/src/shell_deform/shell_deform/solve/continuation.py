@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.solve.borders import Borders, borders
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, forced
-from shell_deform.solve.newton import Borders, EquilibriumSolver, borders
+from shell_deform.solve.newton import EquilibriumSolver, StepLoads
 
 Array = NDArray[np.float64]
 
@@ -75,9 +76,7 @@ def follow_path(
         guess = state.positions + step * direction.reshape(-1, 3)
         found = solver.step(
             driven,
-            np.zeros(1),
-            np.array([position + step]),
-            np.zeros_like(load),
+            StepLoads(np.zeros(1), np.array([position + step]), np.zeros_like(load)),
             replace(state, multipliers=np.zeros(driven.held.shape[1])),
             guess,
         )

@@ -27,6 +27,7 @@ class LoadCase:
         lateral: (k, 3) dead force beside the push [N], or None.
         held: whether the mean lateral motion and spin of every patch are kept at zero.
         dead_load: (n, 3) other nodal forces [N], or None.
+        support_target: where the model's support conditions are moved to [m], or None.
     """
 
     contacts: tuple[ContactPatch, ...]
@@ -35,6 +36,7 @@ class LoadCase:
     lateral: Array | None = None
     held: bool = True
     dead_load: Array | None = None
+    support_target: Array | None = None
 
     def __post_init__(self) -> None:
         count = len(self.contacts)
@@ -94,6 +96,8 @@ class Equilibrium:
         iterations: linear solves. factorisations: stiffness factorisations.
         load_fraction: share of the load case that is carried, 1 when converged.
         negative_modes: directions of negative stiffness under these controls, None if not asked.
+        dead_load: (3 n,) other load carried [N]; empty for none.
+        support_target: where support conditions were moved to [m], or None.
         history: up to three states that led here, this one last.
     """
 
@@ -111,6 +115,8 @@ class Equilibrium:
     factorisations: int
     load_fraction: float = 1.0
     negative_modes: int | None = None
+    dead_load: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    support_target: Array | None = field(default=None, repr=False)
     history: tuple[PathState, ...] = field(default=(), repr=False)
 
     @property

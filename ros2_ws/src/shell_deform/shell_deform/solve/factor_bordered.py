@@ -3,7 +3,7 @@
 A bordered system [[K, C], [C^T, D]] serves displacement control, arc length and Lagrange
 multipliers; an update K + V diag(c) V^T, a sealed gas or a penalty. Both are solved through the
 factor of K alone. With the factor's strong part K+, weak modes Z and weak matrix R (see
-`factor.py`) the unknowns are x = K+ (f - C m) + Z a, and the border's m and a follow from
+`factor_base.py`) the unknowns are x = K+ (f - C m) + Z a, and the border's m and a follow from
 
     [[D - C^T K+ C, C^T Z], [Z^T C, R]] [m, a] = [g - C^T K+ f, Z^T f],
 
@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shell_deform.solve.factor import (
+from shell_deform.solve.factor_base import (
     REFINED,
     ZERO_EIGENVALUE,
     Factor,

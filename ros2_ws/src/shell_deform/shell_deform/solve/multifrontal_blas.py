@@ -19,7 +19,7 @@ import numpy as np
 from numba import types
 from numba.extending import get_cython_function_address
 
-from shell_deform.compiled import compiled
+from shell_deform.solve.multifrontal_types import Call, Float, Floats, Int, Void, kernel
 
 NO, TRANSPOSE, LOWER, LEFT, RIGHT = 0, 1, 2, 3, 4
 
@@ -53,7 +53,7 @@ _dtrsv = _routine('scipy.linalg.cython_blas', 'dtrsv', 8)
 _dpotrf = _routine('scipy.linalg.cython_lapack', 'dpotrf', 5)
 
 
-@compiled
+@kernel(Call)
 def new_call() -> Any:
     """Room for what BLAS reads by reference: (integers, numbers, letters N T L L R)."""
     letters = np.empty(5, np.uint8)
@@ -65,7 +65,26 @@ def new_call() -> Any:
     return np.zeros(8, np.int32), np.zeros(2), letters
 
 
-@compiled
+@kernel(
+    Void,
+    Call,
+    Int,
+    Int,
+    Int,
+    Int,
+    Int,
+    Float,
+    Floats,
+    Int,
+    Int,
+    Floats,
+    Int,
+    Int,
+    Float,
+    Floats,
+    Int,
+    Int,
+)
 def gemm(
     call: Any,
     transpose_a: int,
@@ -108,7 +127,7 @@ def gemm(
     )
 
 
-@compiled
+@kernel(Void, Call, Int, Int, Int, Float, Floats, Int, Int, Floats, Int, Int, Float, Floats, Int)
 def gemv(
     call: Any,
     transpose: int,
@@ -145,7 +164,7 @@ def gemv(
     )
 
 
-@compiled
+@kernel(Void, Call, Int, Int, Floats, Int, Int, Floats, Int, Int)
 def subtract_gram(
     call: Any, n: int, k: int, a: Any, a_at: int, a_ld: int, c: Any, c_at: int, c_ld: int
 ) -> None:
@@ -168,7 +187,7 @@ def subtract_gram(
     )
 
 
-@compiled
+@kernel(Void, Call, Int, Int, Int, Floats, Int, Int, Floats, Int, Int)
 def solve_lower_right(
     call: Any,
     transpose: int,
@@ -201,7 +220,7 @@ def solve_lower_right(
     )
 
 
-@compiled
+@kernel(Void, Call, Int, Int, Floats, Int, Int, Floats, Int)
 def solve_lower_vector(
     call: Any, transpose: int, n: int, a: Any, a_at: int, a_ld: int, x: Any, x_at: int
 ) -> None:
@@ -221,7 +240,7 @@ def solve_lower_vector(
     )
 
 
-@compiled
+@kernel(Int, Call, Int, Floats, Int, Int)
 def cholesky(call: Any, n: int, a: Any, a_at: int, a_ld: int) -> int:
     """Lower Cholesky factor of A (n, n) in place; 0, or the order of the failing minor."""
     integers, _, letters = call

@@ -12,16 +12,40 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numba import types
 
-from shell_deform.compiled import compiled
-from shell_deform.solve.multifrontal_blas import NO, TRANSPOSE, gemm, gemv
+from shell_deform.solve.multifrontal_blas import (
+    NO,
+    TRANSPOSE,
+    cholesky,
+    gemm,
+    gemv,
+    solve_lower_right,
+    subtract_gram,
+)
+from shell_deform.solve.multifrontal_types import (
+    Bool,
+    Call,
+    Float,
+    Floats,
+    Front,
+    Int,
+    Ints,
+    Void,
+    kernel,
+)
 
 PANEL = 48
+# Largest admissible sum of squares of a row of L below a Cholesky block, for a matrix of norm one:
+# the backward error of the factorisation is this times the rounding unit.
+GROWTH = 1e3
+# Smaller pivots at a root may be rounding of zero: there pivots are chosen, largest first.
+SAFE_ROOT_PIVOT = 1e-5
 # The last columns of a root, drawn from all over it, are eliminated in the order of their size.
 ROOT_TAIL = 60
 
 
-@compiled
+@kernel(Void, Call, Floats, Int, Int, Int, Int, Floats, Floats)
 def _load_column(
     call: Any, front: Any, m: int, at: int, j: int, panel: int, work: Any, column: Any
 ) -> None:
@@ -52,7 +76,7 @@ def _load_column(
         )
 
 
-@compiled
+@kernel(Void, Floats, Int, Ints, Int, Int, Int, Int, Floats)
 def _exchange(
     front: Any, m: int, ids: Any, a: int, b: int, panel: int, at: int, work: Any
 ) -> None:
@@ -73,7 +97,7 @@ def _exchange(
         front[a * m + i], front[b * m + i] = front[b * m + i], front[a * m + i]
 
 
-@compiled
+@kernel(types.Tuple((Float, Int)), Floats, Int, Int, Int, Int)
 def _largest(column: Any, low: int, high: int, skip: int, skip_too: int) -> Any:
     """Largest magnitude in column[low:high] and where, leaving out two rows."""
     most, where = 0.0, -1
@@ -84,7 +108,7 @@ def _largest(column: Any, low: int, high: int, skip: int, skip_too: int) -> Any:
     return most, where
 
 
-@compiled
+@kernel(Void, Call, Floats, Int, Int, Int, Floats)
 def _close_panel(call: Any, front: Any, m: int, panel: int, at: int, work: Any) -> None:
     """Subtract L (L D)^T of columns panel:at from the lower triangle of the remainder."""
     if at == panel:
@@ -114,7 +138,7 @@ def _close_panel(call: Any, front: Any, m: int, panel: int, at: int, work: Any) 
         c += width
 
 
-@compiled
+@kernel(Int, Call, Floats, Int, Int, Ints, Floats, Floats, Float, Float)
 def eliminate(
     call: Any,
     front: Any,
@@ -186,7 +210,8 @@ def eliminate(
             elif abs(c) > weak and abs(c) >= threshold * max(abs(b), second_rest):
                 size = 1
                 j = t
-                first[:] = second
+                for i in range(at, m):
+                    first[i] = second[i]
         if size == 0:
             active -= 1
             _exchange(front, m, ids, j, active, panel, at, work)
@@ -222,3 +247,30 @@ def eliminate(
             active = at
     _close_panel(call, front, m, panel, at, work)
     return at
+
+
+@kernel(Bool, Call, Front, Float)
+def eliminate_definite(call: Any, front: Any, weak: float) -> bool:
+    """Cholesky of a front in place; False when a pivot is not above `weak` or L grows.
+
+    On success the columns are L and the triangle behind them the Schur complement; otherwise the
+    front is spoilt.
+    """
+    panel, at, m, k, rest, rest_at, rest_ld = front
+    if cholesky(call, k, panel, at, m) != 0:
+        return False
+    for j in range(k):
+        pivot = panel[at + j * m + j]
+        if not pivot * pivot > (weak if m > k else max(weak, SAFE_ROOT_PIVOT)):
+            return False
+    border = m - k
+    if border > 0:
+        solve_lower_right(call, TRANSPOSE, border, k, panel, at, m, panel, at + k, m)
+        before = np.empty(border)
+        for i in range(border):
+            before[i] = rest[rest_at + i * rest_ld + i]
+        subtract_gram(call, border, k, panel, at + k, m, rest, rest_at, rest_ld)
+        for i in range(border):
+            if not before[i] - rest[rest_at + i * rest_ld + i] <= GROWTH:
+                return False
+    return True

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.compiled import compiled
+from shell_deform.solve.multifrontal_forest import elimination_forest, merge_fronts, renumber
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Fronts:
     the neighbour's row in the front that owns the vertex, or -1 when the neighbour is eliminated
     earlier. `runs` (r, 3): (row in the child's border, row in the parent, length) of the maximal
     stretches that map a front's border into its parent, run_offsets (f + 1,). A run never crosses
-    the end of the parent's owned rows.
+    the end of the parent's owned rows. `first_child`, `next_child` (f,) chain the children, -1 ends.
     """
 
     order: NDArray[np.int32]
@@ -39,6 +40,23 @@ class Fronts:
     targets: NDArray[np.int32]
     run_offsets: NDArray[np.int64]
     runs: NDArray[np.int32]
+    first_child: NDArray[np.int32]
+    next_child: NDArray[np.int32]
+
+    @property
+    def tree(self) -> tuple[NDArray[Any], ...]:
+        """What the numeric kernels read (`Tree` in `multifrontal_types`)."""
+        return (
+            self.owned,
+            self.row_offsets,
+            self.rows,
+            self.parent,
+            self.parity,
+            self.run_offsets,
+            self.runs,
+            self.first_child,
+            self.next_child,
+        )
 
     @property
     def count(self) -> int:
@@ -71,17 +89,26 @@ def find_fronts(
     """Fronts of the symmetric graph (`indptr`, `indices`) eliminated in `order` (n,).
 
     `block` unknowns per vertex weigh the merging of small fronts.
-    Source: J. W. H. Liu (1990), doi:10.1137/0611010 (elimination trees); C. Ashcraft and R. Grimes
-    (1989), doi:10.1145/76909.76910 (relaxed supernodes).
     """
-    parent, heights, order = _elimination_forest(indptr, indices, order)
-    members, front_parent = _merge_fronts(parent, heights, float(block))
-    order, owned, tree = _renumber(members, front_parent, order)
+    parent, heights, order = elimination_forest(indptr, indices, order)
+    members, front_parent = merge_fronts(parent, heights, float(block))
+    order, owned, tree = renumber(members, front_parent, order)
     row_offsets, rows = _front_rows(indptr, indices, order, owned, tree)
     targets, run_offsets, runs = _maps(indptr, indices, order, owned, tree, row_offsets, rows)
-    parity = np.zeros(len(tree), np.int8)
-    _fill_parity(tree, parity)
-    return Fronts(order, owned, row_offsets, rows, tree, parity, targets, run_offsets, runs)
+    parity, first_child, next_child = _family(tree)
+    return Fronts(
+        order,
+        owned,
+        row_offsets,
+        rows,
+        tree,
+        parity,
+        targets,
+        run_offsets,
+        runs,
+        first_child,
+        next_child,
+    )
 
 
 @compiled
@@ -98,188 +125,30 @@ def _peak(parent: Any, heights: Any, borders: Any) -> int:
 
 
 @compiled
-def _fill_parity(parent: Any, parity: Any) -> None:
-    """Depth of each front modulo two."""
+def _family(parent: Any) -> Any:
+    """Depth of each front modulo two, first child and next sibling (-1: none)."""
+    parity = np.zeros(len(parent), np.int8)
+    first_child = np.full(len(parent), -1, np.int32)
+    next_child = np.full(len(parent), -1, np.int32)
     for f in range(len(parent) - 1, -1, -1):
-        parity[f] = 0 if parent[f] < 0 else 1 - parity[parent[f]]
+        if parent[f] >= 0:
+            parity[f] = 1 - parity[parent[f]]
+            next_child[f] = first_child[parent[f]]
+            first_child[parent[f]] = f
+    return parity, first_child, next_child
 
 
 @compiled
-def _postorder(parent: Any) -> Any:
-    """Nodes of a forest, children before parents and siblings in their order."""
-    count = len(parent)
-    first = np.full(count, -1, np.int32)
-    following = np.full(count, -1, np.int32)
-    roots = -1
-    for v in range(count - 1, -1, -1):
-        if parent[v] < 0:
-            following[v] = roots
-            roots = v
-        else:
-            following[v] = first[parent[v]]
-            first[parent[v]] = v
-    result = np.empty(count, np.int32)
-    filled = 0
-    stack = np.empty(count, np.int32)
-    root = roots
-    while root >= 0:
-        stack[0] = root
-        depth = 1
-        while depth > 0:
-            v = stack[depth - 1]
-            if first[v] >= 0:
-                stack[depth] = first[v]
-                depth += 1
-                first[v] = -1
-            else:
-                depth -= 1
-                result[filled] = v
-                filled += 1
-                if depth > 0 and following[v] >= 0:
-                    stack[depth] = following[v]
-                    depth += 1
-        root = following[root]
-    return result
-
-
-@compiled
-def _elimination_forest(indptr: Any, indices: Any, order: Any) -> Any:
-    """Postordered elimination forest: parent (n,), column heights (n,) and the new order (n,)."""
-    count = len(order)
-    position = np.empty(count, np.int32)
-    for k in range(count):
-        position[order[k]] = k
-    parent = np.full(count, -1, np.int32)
-    ancestor = np.full(count, -1, np.int32)
-    for k in range(count):
-        v = order[k]
-        for q in range(indptr[v], indptr[v + 1]):
-            i = position[indices[q]]
-            while i >= 0 and i < k:
-                above = ancestor[i]
-                ancestor[i] = k
-                if above < 0:
-                    parent[i] = k
-                    break
-                i = above
-    post = _postorder(parent)
-    place = np.empty(count, np.int32)
-    for k in range(count):
-        place[post[k]] = k
-    new_order = np.empty(count, np.int32)
-    new_parent = np.full(count, -1, np.int32)
-    for k in range(count):
-        new_order[k] = order[post[k]]
-        if parent[post[k]] >= 0:
-            new_parent[k] = place[parent[post[k]]]
-    for k in range(count):
-        position[new_order[k]] = k
-    # Row k of the factor is the part of the forest between k's neighbours and k.
-    heights = np.ones(count, np.int32)
-    seen = np.full(count, -1, np.int32)
-    for k in range(count):
-        seen[k] = k
-        v = new_order[k]
-        for q in range(indptr[v], indptr[v + 1]):
-            i = position[indices[q]]
-            while i < k and seen[i] != k:
-                heights[i] += 1
-                seen[i] = k
-                i = new_parent[i]
-    return new_parent, heights, new_order
-
-
-@compiled
-def _merge_fronts(parent: Any, heights: Any, block: float) -> Any:
-    """Front of each column (n,) and the parent of each front: equal columns first, then greedily.
-
-    A child joins its parent when the zeros this stores cost less than another front would.
-    """
-    count = len(parent)
-    front = np.empty(count, np.int32)
-    fronts = 0
-    for k in range(count):
-        if k > 0 and parent[k - 1] == k and heights[k - 1] == heights[k] + 1:
-            front[k] = fronts - 1
-        else:
-            front[k] = fronts
-            fronts += 1
-    width = np.zeros(fronts)
-    height = np.zeros(fronts)
-    above = np.full(fronts, -1, np.int32)
-    for k in range(count):
-        f = front[k]
-        if width[f] == 0:
-            height[f] = heights[k]
-        width[f] += 1
-        above[f] = front[parent[k]] if parent[k] >= 0 else -1
-    zeros = np.zeros(fronts)
-    merged_into = np.arange(fronts).astype(np.int32)
-    for f in range(fronts):
-        p = above[f]
-        if p < 0:
-            continue
-        joint = width[f] + width[p]
-        tall = width[f] + height[p]
-        added = zeros[f] + zeros[p] + width[f] * (tall - height[f])
-        total = joint * tall - 0.5 * joint * joint
-        columns = joint * block
-        share = added / total
-        if (
-            added == 0
-            or columns <= 24
-            or (columns <= 48 and share < 0.4)
-            or (columns <= 96 and share < 0.15)
-            or share < 0.05
-        ):
-            merged_into[f] = p
-            width[p] = joint
-            height[p] = tall
-            zeros[p] = added
-    for f in range(fronts - 1, -1, -1):
-        merged_into[f] = merged_into[merged_into[f]]
-    members = np.empty(count, np.int32)
-    for k in range(count):
-        members[k] = merged_into[front[k]]
-    tree = np.full(fronts, -2, np.int32)
-    for f in range(fronts):
-        if merged_into[f] == f:
-            tree[f] = merged_into[above[f]] if above[f] >= 0 else -1
-    return members, tree
-
-
-@compiled
-def _renumber(members: Any, tree: Any, order: Any) -> Any:
-    """Order with the columns of each front together; first columns (f + 1,) and parents (f,)."""
-    name = np.full(len(tree), -1, np.int32)
-    kept = 0
-    for f in range(len(tree)):
-        if tree[f] != -2:
-            name[f] = kept
-            kept += 1
-    small = np.empty(kept, np.int32)
-    for f in range(len(tree)):
-        if tree[f] != -2:
-            small[name[f]] = -1 if tree[f] < 0 else name[tree[f]]
-    post = _postorder(small)
-    place = np.empty(kept, np.int32)
-    for k in range(kept):
-        place[post[k]] = k
-    parent = np.empty(kept, np.int32)
-    for k in range(kept):
-        parent[k] = -1 if small[post[k]] < 0 else place[small[post[k]]]
-    owned = np.zeros(kept + 1, np.int32)
-    for k in range(len(order)):
-        owned[place[name[members[k]]] + 1] += 1
-    for f in range(kept):
-        owned[f + 1] += owned[f]
-    fill = owned.copy()
-    result = np.empty_like(order)
-    for k in range(len(order)):
-        f = place[name[members[k]]]
-        result[fill[f]] = order[k]
-        fill[f] += 1
-    return result, owned, parent
+def _sort(values: Any, count: int) -> None:
+    """Sort values[:count] in place (shell sort, gaps of M. Ciura 2001)."""
+    for gap in (1750, 701, 301, 132, 57, 23, 10, 4, 1):
+        for i in range(gap, count):
+            value = values[i]
+            j = i
+            while j >= gap and values[j - gap] > value:
+                values[j] = values[j - gap]
+                j -= gap
+            values[j] = value
 
 
 @compiled
@@ -320,11 +189,14 @@ def _front_rows(indptr: Any, indices: Any, order: Any, owned: Any, parent: Any) 
         needed = at + (high - low) + size
         if needed > len(rows):
             larger = np.empty(2 * needed, np.int32)
-            larger[:at] = rows[:at]
+            for r in range(at):
+                larger[r] = rows[r]
             rows = larger
         for k in range(low, high):
             rows[at + k - low] = k
-        rows[at + high - low : needed] = np.sort(border[:size])
+        _sort(border, size)
+        for r in range(size):
+            rows[at + high - low + r] = border[r]
         offsets[f + 1] = needed
         p = parent[f]
         if p >= 0:

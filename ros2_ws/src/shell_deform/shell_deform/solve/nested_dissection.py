@@ -204,6 +204,33 @@ def _minimum_cover(
 
 
 @compiled
+def _median(values: Any, count: int, scratch: Any) -> float:
+    """The (count // 2)-th smallest of values[:count] (Hoare's selection)."""
+    for k in range(count):
+        scratch[k] = values[k]
+    low, high, wanted = 0, count - 1, count // 2
+    while low < high:
+        pivot = scratch[(low + high) // 2]
+        i, j = low, high
+        while i <= j:
+            while scratch[i] < pivot:
+                i += 1
+            while scratch[j] > pivot:
+                j -= 1
+            if i <= j:
+                scratch[i], scratch[j] = scratch[j], scratch[i]
+                i += 1
+                j -= 1
+        if wanted <= j:
+            high = j
+        elif wanted >= i:
+            low = i
+        else:
+            break
+    return float(scratch[wanted])
+
+
+@compiled
 def _dissect(
     indptr: Any, indices: Any, points: Any, directions: Any, order: Any, leaf: int, tried: int
 ) -> None:
@@ -219,9 +246,15 @@ def _dissect(
     cursor = np.empty(count + 1, np.int32)
     values = np.empty((candidates, count))
     extents = np.empty(candidates)
-    ranges = [(0, count)]
-    while len(ranges) > 0:
-        low, high = ranges.pop()
+    scratch = np.empty(count)
+    sizes = np.empty(3, np.int64)
+    # Ranges of `order` still to be cut; each cut halves one, so few wait at a time.
+    ranges = np.empty((count + 2, 2), np.int64)
+    ranges[0, 0], ranges[0, 1] = 0, count
+    waiting = 1
+    while waiting > 0:
+        waiting -= 1
+        low, high = ranges[waiting, 0], ranges[waiting, 1]
         size = high - low
         if size <= leaf:
             continue
@@ -234,11 +267,14 @@ def _dissect(
                 values[c, k] = value
                 least, most = min(least, value), max(most, value)
             extents[c] = most - least
-        by_extent = np.argsort(-extents)
         best, best_cost, best_level = -1, np.inf, 0.0
-        for rank in range(tried):
-            c = by_extent[rank]
-            level = np.partition(values[c, :size], size // 2)[size // 2]
+        for _ in range(tried):
+            c = 0
+            for other in range(1, candidates):
+                if extents[other] > extents[c]:
+                    c = other
+            extents[c] = -1.0
+            level = _median(values[c], size, scratch)
             for k in range(size):
                 side[order[low + k]] = 0 if values[c, k] < level else 1
             touching = 0
@@ -254,7 +290,7 @@ def _dissect(
             side[order[low + k]] = 0 if values[best, k] < best_level else 1
         _minimum_cover(indptr, indices, side, order, low, high, partner, seen, stack, cursor)
         filled = 0
-        sizes = np.zeros(3, np.int64)
+        sizes[:] = 0
         for part in range(3):
             for k in range(low, high):
                 if side[order[k]] == part:
@@ -266,7 +302,7 @@ def _dissect(
             side[stack[k]] = -1
         if sizes[0] == size or sizes[1] == size:
             continue
-        if sizes[0] > 0:
-            ranges.append((low, low + sizes[0]))
-        if sizes[1] > 0:
-            ranges.append((low + sizes[0], low + sizes[0] + sizes[1]))
+        middle = low + sizes[0]
+        ranges[waiting, 0], ranges[waiting, 1] = low, middle
+        ranges[waiting + 1, 0], ranges[waiting + 1, 1] = middle, middle + sizes[1]
+        waiting += 2

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from shell_deform.model import ShellModel, Tangent, diagonal_entry
 from shell_deform.solve.bordered import BorderedSystem
+from shell_deform.solve.borders import Borders, borders
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, PathState
 from shell_deform.solve.factor import Factor, SymbolicFactor, analyse, factorise
-from shell_deform.supports import free_rigid_modes
 from shell_deform.theory import THEORIES
 
 Array = NDArray[np.float64]
@@ -34,6 +34,7 @@ class NewtonOptions:
         tolerance: residual force relative to the loads [-].
         factorisations: at most so many in one load step before it is halved.
         contraction: a residual shrinking less than this per iteration asks for a new stiffness.
+        chord_residual: above this residual every iteration takes a new stiffness [-].
         smallest_step: give up below this share of the load case.
         largest_move: displacement change [in wall thicknesses] beyond which a step is halved.
         stability: whether to count negative modes at the end.
@@ -42,61 +43,38 @@ class NewtonOptions:
     tolerance: float = 1e-9
     factorisations: int = 9
     contraction: float = 0.25
+    chord_residual: float = 0.05
     smallest_step: float = 1.0 / 256.0
     largest_move: float = 8.0
     stability: bool = False
 
 
 @dataclass(frozen=True)
-class Borders:
-    """Dense parts of the system for one load case: what pushes, what measures, what is held."""
+class StepLoads:
+    """What one load step prescribes.
 
-    push: Array
-    measure: Array
-    held: Array
+    Attributes:
+        force: (k,) pushes [N], read where they are prescribed. moved: (k,) centre displacements
+            [m], likewise. dead: (N,) other dead load [N]. target: what supports are moved to.
+    """
+
+    force: Array
+    moved: Array
     dead: Array
-    driven: NDArray[np.bool_]
+    target: Array | None = None
 
-    @property
-    def unknown_pushes(self) -> Array:
-        """(r, d) patterns of the forces that are unknowns."""
-        return self.push[:, self.driven]
-
-
-def borders(model: ShellModel, case: LoadCase) -> Borders:
-    """Reduced rows and patterns of a load case, with the rigid motions nothing prevents."""
-    contacts = case.contacts
-    size = model.rest.shape
-    free = model.free_modes.shape[0]
-    push = np.zeros((free, len(contacts)))
-    measure = np.zeros((free, len(contacts)))
-    held = []
-    dead = np.zeros(size) if case.dead_load is None else case.dead_load.copy()
-    for i, contact in enumerate(contacts):
-        push[:, i] = contact.force_pattern(contact.axis).reshape(-1)
-        measure[:, i] = contact.displacement_row().reshape(-1)
-        if case.held:
-            held.extend(row.reshape(-1) for row in contact.held_rows())
-        if case.lateral is not None:
-            dead += contact.force_pattern(case.lateral[i])
-    rows = np.stack(held, axis=1) if held else np.zeros((free, 0))
-    rows = _independent(rows)
-    left = free_rigid_modes(
-        model.free_modes, np.concatenate([rows, measure[:, case.driven]], axis=1)
-    )
-    return Borders(
-        push=push,
-        measure=measure,
-        held=np.concatenate([rows, left], axis=1),
-        dead=dead.reshape(-1),
-        driven=case.driven,
-    )
-
-
-def _independent(rows: Array) -> Array:
-    """Drop rows that supports already keep at zero."""
-    norm = np.linalg.norm(rows, axis=0)
-    return rows[:, norm > 1e-9 * max(1.0, float(norm.max(initial=0.0)))]
+    def towards(self, goal: StepLoads, fraction: float) -> StepLoads:
+        """The loads at this fraction of the way to `goal`."""
+        target = goal.target
+        if target is not None:
+            start = np.zeros_like(target) if self.target is None else self.target
+            target = start + fraction * (target - start)
+        return StepLoads(
+            self.force + fraction * (goal.force - self.force),
+            self.moved + fraction * (goal.moved - self.moved),
+            self.dead + fraction * (goal.dead - self.dead),
+            target,
+        )
 
 
 class EquilibriumSolver:
@@ -134,20 +112,21 @@ class EquilibriumSolver:
         start = start or self.rest()
         edge = borders(self.model, case)
         here = self._on_contacts(start, case, edge)
-        target_force = np.where(case.driven, 0.0, case.force)
-        target_moved = np.where(case.driven, case.displacement, 0.0)
-        first_force = np.where(case.driven, 0.0, here.force)
-        first_moved = np.where(case.driven, here.displacement, 0.0)
+        first = self._loads_of(here, case)
+        goal = StepLoads(
+            np.where(case.driven, 0.0, case.force),
+            np.where(case.driven, case.displacement, 0.0),
+            edge.dead,
+            case.support_target,
+        )
         fraction, step = 0.0, 1.0
         iterations = factorisations = 0
         message = ''
         while fraction < 1.0 - 1e-12:
             trial = min(1.0, fraction + step)
-            force = first_force + trial * (target_force - first_force)
-            moved = first_moved + trial * (target_moved - first_moved)
-            control = np.where(case.driven, moved, force)
-            guess = _predicted(here, control)
-            found = self.step(edge, force, moved, trial * edge.dead, here, guess)
+            loads = first.towards(goal, trial)
+            control = _control(case, loads)
+            found = self.step(edge, loads, here, _predicted(here, control))
             iterations += found.iterations
             factorisations += found.factorisations
             if found.converged:
@@ -215,10 +194,19 @@ class EquilibriumSolver:
         edge = borders(self.model, case)
         zero = self.rest()
         here = self._on_contacts(zero, case, edge)
-        force = np.where(case.driven, 0.0, case.force)
-        moved = np.where(case.driven, case.displacement, 0.0)
-        found = self.step(edge, force, moved, edge.dead, here, None, linear=True)
+        loads = StepLoads(case.force, case.displacement, edge.dead, case.support_target)
+        found = self.step(edge, loads, here, linear=True)
         return replace(found, unbalance=self._unbalance(edge, found))
+
+    def _loads_of(self, here: Equilibrium, case: LoadCase) -> StepLoads:
+        """What the state `here` carries, seen with the contacts of `case`."""
+        dead = here.dead_load if len(here.dead_load) else np.zeros(3 * len(self.model.rest))
+        return StepLoads(
+            np.where(case.driven, 0.0, here.force),
+            np.where(case.driven, here.displacement, 0.0),
+            dead,
+            here.support_target,
+        )
 
     def _on_contacts(self, start: Equilibrium, case: LoadCase, edge: Borders) -> Equilibrium:
         """The start state seen with the contacts of `case`."""
@@ -267,26 +255,25 @@ class EquilibriumSolver:
     def step(
         self,
         edge: Borders,
-        force: Array,
-        moved: Array,
-        dead: Array,
+        loads: StepLoads,
         here: Equilibrium,
-        guess: Array | None,
+        guess: Array | None = None,
         linear: bool = False,
     ) -> Equilibrium:
-        """One load step without halving.
+        """One load step from `here`, without halving; control points `guess` (n, 3) to start from.
 
-        `edge.driven` contacts are moved to `moved`, the others pushed by `force`; `dead` (N,) is
-        the other load. `guess` are control points (n, 3) to start from instead of those of `here`.
+        `linear` takes one solve with the tangent at the undeformed shape for the answer.
         """
         model, options = self.model, self.options
+        force, moved, dead = loads.force, loads.moved, loads.dead
         fixed_push = edge.push[:, ~edge.driven] @ force[~edge.driven] + dead
         positions = here.positions if guess is None else guess
         free = (positions - model.rest).reshape(-1)
         unknown, held = int(edge.driven.sum()), edge.held.shape[1]
         state = here
         system: BorderedSystem | None = None
-        previous = np.inf
+        previous = 1.0
+        noise = self._noise_force()
         tangent = None
         iterations = factorisations = 0
         message = 'Newton iterations did not converge'
@@ -295,7 +282,7 @@ class EquilibriumSolver:
             if system is None:
                 if factorisations == options.factorisations:
                     break
-                tangent = model.tangent(positions)
+                tangent = model.tangent(positions, loads.target)
                 if not np.all(np.isfinite(tangent.gradient)):
                     message = 'the surface folded onto itself'
                     break
@@ -316,8 +303,8 @@ class EquilibriumSolver:
                 break
             free = free + step
             positions = model.rest + free.reshape(-1, 3)
-            energy, gradient = model.gradient(positions)
-            pushes = force.copy()
+            energy, gradient = model.gradient(positions, loads.target)
+            pushes = np.where(edge.driven, 0.0, force)
             pushes[edge.driven] = border[:unknown]
             multipliers = border[unknown : unknown + held]
             carried = edge.push @ pushes + dead
@@ -325,10 +312,11 @@ class EquilibriumSolver:
             scale = max(
                 float(np.linalg.norm(carried)),
                 float(np.linalg.norm(edge.held @ multipliers)),
-                self._noise_force(),
+                self._support_force(positions, loads.target),
+                noise,
             )
             residual = float(np.linalg.norm(loose)) / scale
-            if residual < options.tolerance or linear:
+            if residual < options.tolerance + noise / scale or linear:
                 state = Equilibrium(
                     converged=bool(residual < 1e-6 if linear else True),
                     message='' if residual < 1e-6 else 'the linear system is singular',
@@ -342,12 +330,14 @@ class EquilibriumSolver:
                     residual=residual,
                     iterations=iterations,
                     factorisations=factorisations,
+                    dead_load=dead,
+                    support_target=loads.target,
                 )
                 return state
             if not np.isfinite(residual):
                 message = 'the surface folded onto itself'
                 break
-            if residual > options.contraction * previous or factorisations == 0:
+            if residual > min(options.contraction * previous, options.chord_residual):
                 system = None
             previous = residual
         return replace(
@@ -358,11 +348,20 @@ class EquilibriumSolver:
             factorisations=factorisations,
         )
 
+    def _support_force(self, positions: Array, target: Array | None) -> float:
+        supports = self.model.supports
+        if supports is None:
+            return 0.0
+        return float(np.linalg.norm(supports.force(positions - self.model.rest, target)))
+
     def _noise_force(self) -> float:
-        """Force [N] below which round-off in the stiffness hides any load."""
+        """Force [N] that round-off leaves unbalanced: the stiffest spring times the last digit."""
         shell = self.model.shell
-        membrane = float(shell.membrane[:, 0, 0].max())
-        return 1e-7 * membrane * self._wall
+        stiffest = float(shell.membrane[:, 0, 0].max())
+        if self.model.supports is not None:
+            stiffest = max(stiffest, float(self.model.supports.stiffness.max()))
+        extent = float(np.ptp(self.model.rest, axis=0).max())
+        return 16.0 * float(np.finfo(float).eps) * stiffest * extent
 
     def _gas_pressure(self, positions: Array, linear: bool) -> float:
         model = self.model
@@ -393,6 +392,14 @@ class EquilibriumSolver:
         negative = factor.inertia.negative + int(np.sum(np.linalg.eigvalsh(system.schur) < 0))
         constraints = int(edge.driven.sum()) + edge.held.shape[1]
         return negative - constraints - (1 if tangent.gas_stiffness else 0)
+
+
+def _control(case: LoadCase, loads: StepLoads) -> Array:
+    """What is prescribed, as one vector along which a path can be continued."""
+    others = [np.linalg.norm(loads.dead)]
+    if loads.target is not None:
+        others.append(np.linalg.norm(loads.target))
+    return np.concatenate([np.where(case.driven, loads.moved, loads.force), others])
 
 
 def _predicted(here: Equilibrium, control: Array) -> Array | None:

@@ -1,0 +1,1 @@
+"""Reference problems: ours beside published, analytic and independent values."""

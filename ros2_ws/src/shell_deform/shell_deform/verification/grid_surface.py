@@ -1,0 +1,89 @@
+"""Regular meshes of parametric test surfaces, with a ring of control points beyond every edge.
+
+The ring belongs to the spline space, not to the surface: triangles outside are inactive. So the
+displacement is a full quadratic-complete spline up to the edge, free of the natural conditions
+that reflected boundary rules would impose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as sla
+from numpy.typing import NDArray
+
+from shell_deform.surface.control_mesh import ControlMesh, control_mesh, moved
+from shell_deform.surface.loop_basis import quadrature_basis
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Surface = Callable[[Array, Array], Array]
+
+
+@dataclass(frozen=True)
+class GridSurface:
+    """A patch s, t in [0, 1]^2 on a grid of `cells` (along s, along t).
+
+    Attributes:
+        mesh: control mesh, the outer ring included.
+        number: (ns + 3, nt + 3) vertex number of grid point (i - 1, j - 1).
+    """
+
+    mesh: ControlMesh
+    number: Index
+
+    def edge(self, side: str) -> Index:
+        """Vertices of the side 's0', 's1', 't0' or 't1', corners included."""
+        inside = self.number[1:-1, 1:-1]
+        return {
+            's0': inside[0, :],
+            's1': inside[-1, :],
+            't0': inside[:, 0],
+            't1': inside[:, -1],
+        }[side].copy()
+
+    def corner(self, s: int, t: int) -> int:
+        """Vertex at s, t of 0 or 1."""
+        inside = self.number[1:-1, 1:-1]
+        return int(inside[-s, -t])
+
+
+def grid_surface(surface: Surface, cells: tuple[int, int]) -> GridSurface:
+    """Control mesh whose limit surface is `surface(s, t) -> (p, 3)` in the least-squares sense."""
+    ns, nt = cells
+    i, j = np.meshgrid(np.arange(-1, ns + 2), np.arange(-1, nt + 2), indexing='ij')
+    number = np.arange(i.size).reshape(i.shape)
+    a, b = number[:-1, :-1].ravel(), number[1:, :-1].ravel()
+    c, d = number[1:, 1:].ravel(), number[:-1, 1:].ravel()
+    triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    cell_i, cell_j = i[:-1, :-1].ravel(), j[:-1, :-1].ravel()
+    inside = (cell_i >= 0) & (cell_i < ns) & (cell_j >= 0) & (cell_j < nt)
+    s, t = i.ravel() / ns, j.ravel() / nt
+    start = surface(s, t)
+    mesh = control_mesh(start, triangles, corners=[], active=np.tile(inside, 2))
+    return GridSurface(fitted(mesh, s, t, surface), number)
+
+
+def fitted(mesh: ControlMesh, s: Array, t: Array, surface: Surface) -> ControlMesh:
+    """`mesh` moved so that its limit surface follows `surface` at the integration points.
+
+    s, t (n,) are the surface parameters of the vertices, linear in every triangle.
+    """
+    basis = quadrature_basis(mesh, 12)
+    corners = mesh.triangles[basis.triangle[basis.element]]
+    u, v = basis.parameters.T
+    weights = np.stack([1.0 - u - v, u, v], axis=1)
+    target = surface(
+        np.einsum('pk,pk->p', weights, s[corners]), np.einsum('pk,pk->p', weights, t[corners])
+    )
+    nodes = np.concatenate(
+        [basis.nodes[basis.node_offsets[e] : basis.node_offsets[e + 1]] for e in basis.element]
+    )
+    size = (len(u), len(mesh.vertices))
+    matrix = sp.csr_matrix((basis.values, nodes, basis.row_offsets), shape=size)
+    normal = (matrix.T @ matrix + 1e-10 * sp.identity(size[1])).tocsc()
+    right = matrix.T @ (target - matrix @ mesh.vertices)
+    return moved(mesh, mesh.vertices + sla.splu(normal).solve(right))

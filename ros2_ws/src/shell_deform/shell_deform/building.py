@@ -1,0 +1,187 @@
+"""From an object file to a shell model that can be squeezed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from numpy.typing import NDArray
+
+from shell_deform.assemble import Discretisation, discretise
+from shell_deform.loads import ContactPatch
+from shell_deform.model import ShellModel
+from shell_deform.objects import ObjectError, ShellObject, Support, object_mesh
+from shell_deform.supports import (
+    SupportRows,
+    hold_position,
+    hold_slope,
+    joined,
+)
+from shell_deform.surface.control_mesh import ControlMesh
+from shell_deform.surface.limit import LimitSurface
+from shell_deform.theory.gas import Gas
+from shell_deform.theory.material import Material
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+def build_model(
+    shell_object: ShellObject,
+    theory: str = 'koiter',
+    control_vertices: int | None = None,
+    refine_at: npt.ArrayLike | None = None,
+    refine_radius: float | None = None,
+) -> ShellModel:
+    """Mesh, wall, supports and gas of an object; the mesh is graded towards its contacts.
+
+    Raises ObjectError for what the object cannot be: a support where it has no edge, sealed gas in
+    an open surface.
+    """
+    mesh = object_mesh(shell_object, control_vertices, refine_at, refine_radius)
+    return model_on_mesh(shell_object, mesh, theory)
+
+
+def model_on_mesh(
+    shell_object: ShellObject, mesh: ControlMesh, theory: str = 'koiter'
+) -> ShellModel:
+    """The model of an object on a control mesh whose limit surface is its middle surface."""
+    material = Material(shell_object.young_modulus_pa, shell_object.poisson_ratio)
+    thickness: float | Array = shell_object.thickness_m
+    own = shell_object.vertex_thickness_m
+    if own is not None and len(own) == len(mesh.vertices):
+        thickness = own
+    shell = discretise(mesh, material, thickness)
+    parts: list[SupportRows] = []
+    for support in shell_object.supports:
+        parts.extend(_support_rows(shell_object, shell, support))
+    gas = shell_object.gas
+    if gas.kind == 'sealed' and not mesh.is_closed:
+        raise ObjectError(
+            f'{shell_object.name}: sealed gas in an open surface; set gas: {{kind: open}}'
+        )
+    return ShellModel(
+        shell,
+        theory,
+        Gas(gas.kind, gas.gauge_pressure_pa, gas.ambient_pa),
+        joined(parts),
+    )
+
+
+def object_contacts(
+    shell_object: ShellObject, model: ShellModel, radius: float | None = None
+) -> tuple[ContactPatch, ...]:
+    """Contact patches at the contacts the object declares, of `radius` [m] or their own.
+
+    Raises ObjectError when it declares none.
+    """
+    if not shell_object.contacts:
+        raise ObjectError(f'{shell_object.name}: no contacts; add contacts: [{{at_m: …}}]')
+    return tuple(
+        model.contact(np.array(contact.at_m), radius or contact.radius_m)
+        for contact in shell_object.contacts
+    )
+
+
+def with_material(
+    shell_object: ShellObject,
+    young_modulus: float | None = None,
+    poisson_ratio: float | None = None,
+    thickness: float | None = None,
+    gas_kind: str | None = None,
+) -> ShellObject:
+    """The same object with other numbers [Pa], [-], [m]; None keeps a number."""
+    changes: dict[str, object] = {}
+    if young_modulus is not None:
+        changes['young_modulus_pa'] = young_modulus
+    if poisson_ratio is not None:
+        changes['poisson_ratio'] = poisson_ratio
+    if thickness is not None:
+        changes['thickness_m'] = thickness
+        changes['vertex_thickness_m'] = None
+    if gas_kind is not None:
+        changes['gas'] = replace(shell_object.gas, kind=gas_kind)
+    return replace(shell_object, **changes)  # type: ignore[arg-type]
+
+
+def boundary_vertices(mesh: ControlMesh) -> tuple[Index, Array]:
+    """Vertices (b,) on the rim of the active surface, and the unit rim direction (b, 3) there."""
+    used = mesh.triangles[mesh.active]
+    edges = np.concatenate([used[:, [0, 1]], used[:, [1, 2]], used[:, [2, 0]]])
+    key = np.sort(edges, axis=1)
+    _, first, count = np.unique(key, axis=0, return_index=True, return_counts=True)
+    rim = edges[first[count == 1]]
+    vertices = np.unique(rim)
+    points = LimitSurface(mesh).limit_positions(mesh.vertices)
+    direction = np.zeros((len(mesh.vertices), 3))
+    step = points[rim[:, 1]] - points[rim[:, 0]]
+    step /= np.linalg.norm(step, axis=1)[:, None]
+    np.add.at(direction, rim[:, 0], step)
+    np.add.at(direction, rim[:, 1], step)
+    chosen = direction[vertices]
+    return vertices.astype(np.int64), chosen / np.linalg.norm(chosen, axis=1)[:, None]
+
+
+def _support_rows(
+    shell_object: ShellObject, shell: Discretisation, support: Support
+) -> list[SupportRows]:
+    mesh = shell.mesh
+    surface = LimitSurface(mesh)
+    points = surface.limit_positions(mesh.vertices)
+    rim, along = boundary_vertices(mesh)
+    at, plane = _where(shell_object, points, rim, support.where)
+    if len(at) == 0:
+        raise ObjectError(
+            f'{shell_object.name}: support {support.kind} finds no vertex at '
+            f'{support.where!r}; the surface has no such edge'
+        )
+    rows = np.searchsorted(rim, at)
+    everything = np.eye(3)
+    if support.kind in ('hinged', 'held'):
+        return [hold_position(shell, at, everything)]
+    normal = surface.vertex_normals(mesh.vertices)[at]
+    across = np.cross(normal, along[rows])
+    if support.kind == 'clamped':
+        return [hold_position(shell, at, everything), hold_slope(shell, at, across, everything)]
+    if plane is None:
+        mean = across.mean(axis=0)
+        plane = everything[int(np.argmax(np.abs(mean)))]
+    in_plane = np.linalg.svd(plane[None])[2][1:]
+    if support.kind == 'diaphragm':
+        return [hold_position(shell, at, in_plane)]
+    return [
+        hold_position(shell, at, plane[None]),
+        hold_slope(shell, at, np.tile(plane, (len(at), 1)), in_plane),
+    ]
+
+
+def _where(
+    shell_object: ShellObject, points: Array, rim: Index, where: str
+) -> tuple[Index, Array | None]:
+    """Rim vertices that `where` names, and the normal of the plane when it names one."""
+    if where == 'boundary':
+        return rim, None
+    near = 1e-3 * float(np.ptp(points, axis=0).max())
+    if '=' in where:
+        axis_name, value = (part.strip() for part in where.split('=', 1))
+        axis = 'xyz'.index(axis_name)
+        return rim[np.abs(points[rim, axis] - float(value)) < near], np.eye(3)[axis]
+    axis, side = {
+        'lower': (2, -1),
+        'upper': (2, 1),
+        'ends': (2, 0),
+        'left': (0, -1),
+        'right': (0, 1),
+        'front': (1, -1),
+        'back': (1, 1),
+        'straight': (1, -1),
+    }[where]
+    coordinate = points[rim, axis]
+    low, high = coordinate.min(), coordinate.max()
+    chosen = np.zeros(len(rim), dtype=bool)
+    if side <= 0:
+        chosen |= coordinate < low + near
+    if side >= 0:
+        chosen |= coordinate > high - near
+    return rim[chosen], np.eye(3)[axis]

@@ -1,16 +1,12 @@
 """The sparse factorisation: right on definite, indefinite and singular matrices."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 import scipy.sparse
 import scipy.sparse.linalg
-from factor_matrices import (
-    geodesic_sphere,
-    loop_pattern,
-    rigid_modes,
-    shifted,
-    springs,
-)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -21,6 +17,15 @@ from shell_deform.solve.factor import (
     analyse,
     factorise,
     superlu_factorise,
+)
+
+sys.path.insert(0, str(Path(__file__).parent))
+from factor_matrices import (  # noqa: E402
+    geodesic_sphere,
+    loop_pattern,
+    rigid_modes,
+    shifted,
+    springs,
 )
 
 METHODS = ['multifrontal', 'superlu']
@@ -239,7 +244,7 @@ def test_another_pattern_is_refused(sphere):
 
 
 def random_saddle(seed, primal, dual, density, zero_block):
-    """[[H, G^T], [G, 0 or -tiny]] with an indefinite sparse H; pattern symmetric, diagonal full."""
+    """[[H, G^T], [G, 0 or negative]] with an indefinite sparse H and its full diagonal."""
     random = np.random.default_rng(seed)
     upper = scipy.sparse.random_array(
         (primal, primal), density=density, rng=random, data_sampler=random.normal

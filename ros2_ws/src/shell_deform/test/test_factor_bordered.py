@@ -1,14 +1,10 @@
 """Bordered systems and low-rank updates through the factor of the plain matrix."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
-from factor_matrices import (
-    geodesic_sphere,
-    loop_pattern,
-    rigid_modes,
-    shifted,
-    springs,
-)
 
 from shell_deform.solve.factor import (
     FactorError,
@@ -18,6 +14,15 @@ from shell_deform.solve.factor import (
     factorise,
 )
 from shell_deform.solve.factor_bordered import BorderedFactor, UpdatedFactor
+
+sys.path.insert(0, str(Path(__file__).parent))
+from factor_matrices import (  # noqa: E402
+    geodesic_sphere,
+    loop_pattern,
+    rigid_modes,
+    shifted,
+    springs,
+)
 
 METHODS = ['multifrontal', 'superlu']
 

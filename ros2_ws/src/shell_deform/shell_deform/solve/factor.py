@@ -13,7 +13,6 @@ and low-rank updated systems.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,40 +20,25 @@ import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 
 from shell_deform.compiled import HAVE_NUMBA
-from shell_deform.solve.factor_base import Factor, FactorError, Inertia, SingularMatrixError
+from shell_deform.solve.factor_base import (
+    Factor,
+    FactorError,
+    Inertia,
+    SingularMatrixError,
+    SymbolicFactor,
+)
 from shell_deform.solve.factor_superlu import SuperLUFactor
 
 __all__ = [
-    'Factor', 'FactorError', 'Inertia', 'SingularMatrixError', 'SymbolicFactor', 'analyse',
-    'factorise', 'superlu_factorise',
+    'Factor',
+    'FactorError',
+    'Inertia',
+    'SingularMatrixError',
+    'SymbolicFactor',
+    'analyse',
+    'factorise',
+    'superlu_factorise',
 ]
-
-@dataclass(frozen=True)
-class SymbolicFactor:
-    """A pattern analysed once: vertex graph (`indptr`, `indices`) with `block` unknowns each.
-
-    Unknown a of vertex v is number block * v + a. `order` (n,): elimination order of the vertices;
-    `fronts`: the multifrontal structure, None without numba.
-    """
-
-    block: int
-    indptr: NDArray[np.int32]
-    indices: NDArray[np.int32]
-    order: NDArray[np.int32]
-    fronts: Any
-    checked: list[Any] = field(default_factory=list, repr=False, compare=False)
-    spare: list[Any] = field(default_factory=list, repr=False, compare=False)
-    permuted: list[Any] = field(default_factory=list, repr=False, compare=False)
-
-    @property
-    def unknowns(self) -> int:
-        """Rows of the matrices that fit."""
-        return self.block * (len(self.indptr) - 1)
-
-    @property
-    def stored_entries(self) -> int:
-        """Doubles in a multifrontal factor."""
-        return 0 if self.fronts is None else int(self.fronts.stored_entries(self.block))
 
 
 def analyse(
@@ -65,9 +49,9 @@ def analyse(
 ) -> SymbolicFactor:
     """Analyse a symmetric pattern for many factorisations.
 
-    `pattern`: SciPy sparse matrix, (n, n) of vertices or (block n, block n) of unknowns; values are
-    ignored. `of_vertices` says which; left out, it is read off `coordinates` (n, d) [m], and
-    without these the pattern is taken as one of unknowns. Coordinates give better orders.
+    `pattern`: SciPy sparse matrix, (n, n) of vertices or (block n, block n) of unknowns; its
+    values are ignored. `of_vertices` says which; left out, it is read off `coordinates` (n, d)
+    [m], and without these the pattern is one of unknowns. Coordinates give better orders.
     Raises FactorError for patterns that are not square, symmetric or made of full blocks.
     """
     graph = scipy.sparse.csr_array(pattern)
@@ -140,11 +124,12 @@ def factorise(
 ) -> Factor:
     """Factorise a symmetric matrix with the analysed pattern.
 
-    `matrix` (N, N): SciPy CSR or CSC with sorted indices, or BSR with the analysed block size; both
-    triangles stored, the lower one in elimination order is read. `fixed` (N,): unknowns held at
-    zero (rows and columns left out, not counted in the inertia). Its values are copied: the
-    matrix may change afterwards. `method`: 'multifrontal' or 'superlu'.
-    Raises FactorError for a pattern other than the analysed one and for values that are not finite.
+    `matrix` (N, N): SciPy CSR or CSC with sorted indices, or BSR with the analysed block size;
+    both triangles stored. Its values are copied: the matrix may change afterwards. `fixed` (N,):
+    unknowns held at zero (rows and columns left out, not counted in the inertia). `method`:
+    'multifrontal' or 'superlu'.
+    Raises FactorError for another pattern than the analysed one and for values that are not
+    finite.
     """
     interleaved = _check_pattern(symbolic, matrix)
     count = symbolic.unknowns
@@ -152,6 +137,8 @@ def factorise(
     if free.shape != (count,):
         raise FactorError(f'fixed has shape {free.shape}, needed is ({count},)')
     if method == 'multifrontal' and symbolic.fronts is not None:
+        from shell_deform.solve.factor_multifrontal import MultifrontalFactor
+
         return MultifrontalFactor(symbolic, matrix, free, interleaved)
     if method in ('multifrontal', 'superlu'):
         return SuperLUFactor(symbolic, matrix, free)

@@ -7,9 +7,9 @@ factor of K alone. With the factor's strong part K+, weak modes Z and weak matri
 
     [[D - C^T K+ C, C^T Z], [Z^T C, R]] [m, a] = [g - C^T K+ f, Z^T f],
 
-which involves no inverse of R: a singular or nearly singular K (rigid modes, limit points) costs no
-accuracy as long as the whole system is regular. An update is the border V with corner -diag(1/c).
-Inertias add (E. Haynsworth 1968, doi:10.1016/0024-3795(68)90050-5).
+which involves no inverse of R: a singular or nearly singular K (rigid modes, limit points) costs
+no accuracy as long as the whole system is regular. An update is the border V with the corner
+-diag(1/c). Inertias add (E. Haynsworth 1968, doi:10.1016/0024-3795(68)90050-5).
 """
 
 from __future__ import annotations

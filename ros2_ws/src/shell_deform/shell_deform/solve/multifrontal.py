@@ -4,9 +4,9 @@ Written here because no permissively licensed wheel factorises indefinite matric
 inertia, reuses the pattern and releases the interpreter lock at once.
 
 Fronts are visited children first. A front that is safely positive definite goes through Cholesky;
-any other through `multifrontal_front.eliminate`, which may hand columns to the parent. Columns that
-are still without a pivot larger than `weak` at a root stay outside the factor: they are the *weak*
-part, a small dense matrix that the caller treats (rigid modes, limit points).
+any other through `multifrontal_front.eliminate`, which may hand columns to the parent. Columns
+that are still without a pivot larger than `weak` at a root stay outside the factor: they are the
+*weak* part, a small dense matrix that the caller treats (rigid modes, limit points).
 
 All matrices here are the scaled ones, S A S with S = diag(scale); scale 0 pins an unknown.
 Source: I. S. Duff and J. K. Reid (1983), doi:10.1145/356044.356047; J. W. H. Liu (1992),

@@ -1,7 +1,7 @@
-"""SciPy's dense BLAS and LAPACK called from compiled kernels, on slices of flat column-major arrays.
+"""SciPy's dense BLAS and LAPACK called from compiled kernels, on flat column-major arrays.
 
-The addresses come from the capsules of `scipy.linalg.cython_blas` and `cython_lapack` and are given
-to LLVM as named symbols, because only named symbols (not pointers) survive numba's cache on disk.
+The addresses come from the capsules of `scipy.linalg.cython_blas` and `cython_lapack` and are
+given to LLVM as named symbols, because only named symbols (not pointers) survive numba's cache.
 Every routine receives its arrays whole and takes their addresses itself: an array whose address
 alone is passed on may be freed after its last visible use.
 

@@ -155,9 +155,9 @@ def eliminate(
     `front` (m * m,) holds the lower triangle column by column; on return its first columns are L
     (unit diagonal) and its remainder the Schur complement. `ids` (m,) follows the exchanges;
     `diagonal`, `beside` (k,) receive D, beside[j] != 0 marking a two-by-two pivot at j, j + 1.
-    Pivots not larger than `weak` are never taken. At a root (k == m) the largest pivots of the last
-    columns come first: what is left over then holds a rigid body at well separated points and
-    stands clear of rounding.
+    Pivots not larger than `weak` are never taken. At a root (k == m) the largest pivots of the
+    last columns come first: what is left over then holds a rigid body at well separated points
+    and stands clear of rounding.
 
     The panel is left-looking: the remainder is updated by matrix products every PANEL columns.
     """

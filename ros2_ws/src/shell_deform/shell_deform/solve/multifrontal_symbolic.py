@@ -28,7 +28,8 @@ class Fronts:
     the neighbour's row in the front that owns the vertex, or -1 when the neighbour is eliminated
     earlier. `runs` (r, 3): (row in the child's border, row in the parent, length) of the maximal
     stretches that map a front's border into its parent, run_offsets (f + 1,). A run never crosses
-    the end of the parent's owned rows. `first_child`, `next_child` (f,) chain the children, -1 ends.
+    the end of the parent's owned rows. `first_child`, `next_child` (f,) chain the children, -1
+    ends them.
     """
 
     order: NDArray[np.int32]

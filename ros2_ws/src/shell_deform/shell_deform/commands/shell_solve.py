@@ -1,0 +1,198 @@
+"""shell_solve: squeeze one object by force or displacement; JSON, mesh and picture out."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from shell_deform.building import build_model, object_contacts, with_material
+from shell_deform.commands.console import CommandError, print_json, progress, run
+from shell_deform.model import ShellModel
+from shell_deform.objects import ShellObject, load_object
+from shell_deform.readout import read_out, thickness_warning
+from shell_deform.solve.equilibrium import Equilibrium, displaced, forced
+from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.theory import THEORIES
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Solved:
+    """One load case: what was asked, what came out, how long it took [s]."""
+
+    state: Equilibrium
+    seconds: float
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    options = _parser().parse_args(arguments)
+    return run('shell_solve', lambda: _solve(options))
+
+
+def _solve(options: argparse.Namespace) -> None:
+    loaded = time.perf_counter(), time.process_time()
+    shell_object = with_material(
+        load_object(options.object),
+        options.young,
+        options.poisson,
+        options.thickness,
+        options.gas,
+    )
+    model = build_model(
+        shell_object, options.theory, options.vertices, refine_radius=options.pin_radius
+    )
+    contacts = object_contacts(shell_object, model, options.pin_radius)
+    solver = EquilibriumSolver(model, NewtonOptions(stability=True))
+    by_force = options.force is not None
+    values = options.force if by_force else options.displacement_sweep
+    results: list[Solved] = []
+    state = solver.rest()
+    for value in progress(values, 'load cases'):
+        start = time.perf_counter()
+        wanted = [value] * len(contacts)
+        case = forced(contacts, wanted) if by_force else displaced(contacts, wanted)
+        state = solver.solve(case, state)
+        if not state.converged:
+            unit = 'N' if by_force else 'm'
+            raise CommandError(
+                f'{shell_object.name}: no equilibrium at {value:g} {unit}: {state.message}; '
+                'use a displacement sweep or smaller steps'
+            )
+        results.append(Solved(state, time.perf_counter() - start))
+    cpu = time.process_time() - loaded[1]
+    for warning in _warnings(shell_object, model, state):
+        print(f'shell_solve: note: {warning}', file=sys.stderr)
+    if options.mesh:
+        _write_mesh(options.mesh, model, state)
+    if options.picture:
+        from shell_deform.commands.picture import draw_state
+
+        draw_state(options.picture, shell_object, model, state)
+    if options.json:
+        print_json(
+            {
+                'object': shell_object.name,
+                'theory': options.theory,
+                'vertices': len(model.rest),
+                'cpu_seconds': cpu,
+                'points': [_point(solved) for solved in results],
+            }
+        )
+    else:
+        _print_table(shell_object, options.theory, len(model.rest), cpu, results)
+
+
+def _point(solved: Solved) -> dict[str, object]:
+    state = solved.state
+    return {
+        'displacement_m': float(np.mean(state.displacement)),
+        'force_n': float(np.mean(state.force)),
+        'energy_j': state.energy,
+        'gas_pressure_pa': state.gas_pressure,
+        'iterations': state.iterations,
+        'seconds': solved.seconds,
+        'stable': bool(state.stable),
+    }
+
+
+def _warnings(shell_object: ShellObject, model: ShellModel, state: Equilibrium) -> list[str]:
+    found = [thickness_warning(model)]
+    found.extend(read_out(model, state.positions, shell_object.yield_stress_pa).warnings)
+    return [warning for warning in found if warning]
+
+
+def _write_mesh(path: Path, model: ShellModel, state: Equilibrium) -> None:
+    import trimesh
+
+    mesh = model.shell.mesh
+    points = model.surface.limit_positions(state.positions)
+    trimesh.Trimesh(points, mesh.triangles[mesh.active], process=False).export(path)
+
+
+def _print_table(
+    shell_object: ShellObject, theory: str, vertices: int, cpu: float, results: list[Solved]
+) -> None:
+    table = Table(
+        title=f'{shell_object.name}, {theory} theory, {vertices} control vertices, '
+        f'{cpu:.2f} s processor time'
+    )
+    for heading in ('displacement [mm]', 'force [N]', 'energy [mJ]', 'gas [kPa]', 'stable'):
+        table.add_column(heading, justify='right')
+    for solved in results:
+        point = _point(solved)
+        table.add_row(
+            f'{1e3 * float(point["displacement_m"]):.4f}',
+            f'{point["force_n"]:.5g}',
+            f'{1e3 * float(point["energy_j"]):.5g}',
+            f'{1e-3 * float(point["gas_pressure_pa"]):.4g}',
+            'yes' if point['stable'] else 'NO',
+        )
+    Console().print(table)
+
+
+def _sweep(text: str) -> list[float]:
+    parts = text.split(':')
+    if len(parts) != 3:
+        raise argparse.ArgumentTypeError(f'{text!r}: give START:STOP:STEPS, for example 0:0.01:20')
+    try:
+        start, stop, steps = float(parts[0]), float(parts[1]), int(parts[2])
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f'{text!r}: {error}') from error
+    if steps < 1 or not np.isfinite([start, stop]).all():
+        raise argparse.ArgumentTypeError(f'{text!r}: STEPS must be at least 1, ends finite')
+    return [float(value) for value in np.linspace(start, stop, steps + 1)]
+
+
+def _forces(text: str) -> list[float]:
+    try:
+        values = [float(part) for part in text.split(',')]
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f'{text!r}: {error}') from error
+    if not np.isfinite(values).all():
+        raise argparse.ArgumentTypeError(f'{text!r}: forces must be finite')
+    return values
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not (np.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f'{text}: must be positive and finite')
+    return value
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='shell_solve',
+        description='Squeeze one object at its contacts and print what it answers. SI units.',
+    )
+    parser.add_argument('--object', required=True, help='name or object file; see shell_objects')
+    load = parser.add_mutually_exclusive_group(required=True)
+    load.add_argument(
+        '--displacement-sweep',
+        type=_sweep,
+        metavar='START:STOP:STEPS',
+        help='displacement of each contact along its inward axis [m], START included',
+    )
+    load.add_argument('--force', type=_forces, metavar='F1,F2,…', help='push per contact [N]')
+    parser.add_argument('--pin-radius', type=_positive, metavar='M', help='contact radius [m]')
+    parser.add_argument('--young', type=_positive, metavar='PA', help="Young's modulus [Pa]")
+    parser.add_argument('--poisson', type=float, metavar='NU', help="Poisson's ratio [-]")
+    parser.add_argument('--thickness', type=_positive, metavar='M', help='wall thickness [m]')
+    parser.add_argument('--vertices', type=int, metavar='N', help='control vertices, about')
+    parser.add_argument('--theory', choices=sorted(THEORIES), default='koiter')
+    parser.add_argument('--gas', choices=('none', 'open', 'sealed'), help='air inside')
+    parser.add_argument('--mesh', type=Path, metavar='FILE', help='last surface (PLY, STL, OBJ)')
+    parser.add_argument('--picture', type=Path, metavar='FILE', help='picture of it (PNG)')
+    parser.add_argument('--json', action='store_true', help='one JSON document on stdout')
+    return parser

@@ -1,0 +1,70 @@
+"""shell_solve as its user meets it."""
+
+import json
+
+import pytest
+
+from shell_deform.commands import shell_solve
+
+# Independent axisymmetric solution, Koiter, E 1 MPa, pin radius 2 mm: mm, N.
+REFERENCE = {1: 0.4354723, 2: 0.7319933, 4: 1.0507244, 8: 1.3476179, 12: 1.6447264}
+
+
+def test_graded_ball_follows_the_independent_solution_within_half_a_percent(capsys):
+    arguments = ['--object', 'tennis_ball_as_printed', '--displacement-sweep', '0:0.012:12']
+    assert shell_solve.main([*arguments, '--pin-radius', '0.002', '--json']) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result['object'] == 'tennis_ball_as_printed'
+    assert result['theory'] == 'koiter'
+    assert result['vertices'] <= 700
+    assert len(result['points']) == 13
+    for depth, reference in REFERENCE.items():
+        point = result['points'][depth]
+        assert point['displacement_m'] == pytest.approx(1e-3 * depth)
+        assert point['force_n'] == pytest.approx(reference, rel=5e-3)
+        assert point['stable'] is True
+    assert set(result['points'][0]) >= {
+        'displacement_m', 'force_n', 'energy_j', 'iterations', 'seconds', 'stable',
+    }  # fmt: skip
+
+
+def test_published_rows_are_predicted_from_the_first_one(capsys):
+    forces = '10.631,16.503,20.373,21.485'
+    assert shell_solve.main(['--object', 'tennis_ball', '--force', forces, '--json']) == 0
+    points = json.loads(capsys.readouterr().out)['points']
+    published = [2.56e-3, 6.05e-3, 9.12e-3, 10.27e-3]
+    assert points[0]['displacement_m'] == pytest.approx(published[0], abs=0.02e-3)
+    for point, measured in zip(points[1:], published[1:], strict=True):
+        assert point['displacement_m'] == pytest.approx(measured, rel=0.12)
+
+
+def test_linear_theory_misses_the_published_rows_by_more_than_thirty_percent(capsys):
+    forces = '10.631,16.503,20.373,21.485'
+    command = ['--object', 'tennis_ball', '--young', '8.1e6', '--theory', 'linear']
+    assert shell_solve.main([*command, '--force', forces, '--json']) == 0
+    points = json.loads(capsys.readouterr().out)['points']
+    assert points[0]['displacement_m'] == pytest.approx(2.56e-3, rel=0.05)
+    for point, measured in zip(points[1:], [6.05e-3, 9.12e-3, 10.27e-3], strict=True):
+        assert point['displacement_m'] < 0.7 * measured
+
+
+def test_an_unknown_object_is_refused_in_one_sentence(capsys):
+    assert shell_solve.main(['--object', 'tenis_ball', '--force', '1']) == 1
+    error = capsys.readouterr().err.strip()
+    assert 'tenis_ball' in error and '\n' not in error
+
+
+@pytest.mark.parametrize('sweep', ['0:1', '0:0.01:0', 'a:b:c', '0:inf:3'])
+def test_a_malformed_sweep_is_a_usage_error(sweep):
+    with pytest.raises(SystemExit) as stop:
+        shell_solve.main(['--object', 'tennis_ball', '--displacement-sweep', sweep])
+    assert stop.value.code == 2
+
+
+def test_mesh_and_picture_are_written(tmp_path, capsys):
+    mesh, picture = tmp_path / 'ball.ply', tmp_path / 'ball.png'
+    command = ['--object', 'tennis_ball', '--vertices', '250', '--force', '5']
+    assert shell_solve.main([*command, '--mesh', str(mesh), '--picture', str(picture)]) == 0
+    assert mesh.read_bytes().startswith(b'ply')
+    assert picture.read_bytes().startswith(b'\x89PNG')
+    assert 'tennis_ball' in capsys.readouterr().out

@@ -16,6 +16,8 @@ from barrett_hand_bridge.hand import FINGERS, Hand, HandFacts
 from barrett_hand_bridge.kinematics import HandGeometry, Pin
 from barrett_hand_bridge.motion import CloseSettings
 from barrett_hand_bridge.observer import HandObserver, ObserverSettings
+from barrett_hand_bridge.puck.driver import CanHand, open_bus
+from barrett_hand_bridge.stop_guard import guard_can, guard_serial
 from barrett_hand_bridge.zero import DRIFT_8_BIT, DRIFT_12_BIT
 
 Values = Mapping[str, Any]
@@ -55,6 +57,14 @@ def pins(values: Values) -> dict[int, Pin]:
 
 def make_hand(values: Values, port: str, clock_ns: Callable[[], int]) -> Hand:
     """The driver for the chosen backend, not connected yet."""
+    if values['backend'] == 'can':
+        return CanHand(
+            lambda: open_bus(values['interface'], values['channel'], values['can_port']),
+            clock_ns=clock_ns,
+            touch=values['touch'],
+            prefetch=values['poll_period'] == 0.0,
+            guard=lambda: guard_can(values['interface'], values['channel'], values['can_port']),
+        )
     return SerialHand(
         lambda: open_port(port),
         clock_ns=clock_ns,
@@ -62,6 +72,7 @@ def make_hand(values: Values, port: str, clock_ns: Callable[[], int]) -> Hand:
         servo_sample_s=values['servo_sample_time'],
         breakaway=values['breakaway_feedback'],
         prefetch=values['poll_period'] == 0.0,
+        guard=lambda line: guard_serial(line.fileno()),
     )
 
 
@@ -115,6 +126,7 @@ def make_observer(values: Values, calibration: HandCalibration, facts: HandFacts
             tendon_sigma_rad_per_nm=values['tendon_sigma'],
             opposed_fingers=None if opposed == [0] else (opposed[0], opposed[1]),
             gravity=(gravity[0], gravity[1], gravity[2]),
+            touch_threshold_n_per_cm2=values['touch_threshold'],
         )
     )
 

@@ -50,7 +50,8 @@ class HandSample:
     `stamp_ns` is the time of the first byte (or frame) of the answer. Motor positions in encoder
     counts; `gauge_counts` None where no gauge is fitted. `inner_rad` comes from inner-link
     encoders where the hand has them; `breakaway_counts` is the motor position at which a finger's
-    clutch let go, None while it holds. `tactile_n_per_cm2`: 24 cells per finger (and 4 = palm).
+    clutch let go, None while it holds. `relieving`: the finger drives itself back to protect its
+    gauge. `tactile_n_per_cm2`: 24 cells per finger (and 4 = palm).
     """
 
     stamp_ns: int
@@ -60,7 +61,15 @@ class HandSample:
     breakaway_counts: tuple[int | None, int | None, int | None] = (None, None, None)
     inner_rad: tuple[float | None, float | None, float | None] = (None, None, None)
     temperature_c: float | None = None
+    relieving: tuple[bool, bool, bool] = (False, False, False)
     tactile_n_per_cm2: Mapping[int, tuple[float, ...]] | None = None
+
+
+class Guard(Protocol):
+    """Stops the hand if this process dies."""
+
+    def dismiss(self) -> None:
+        """No longer needed."""
 
 
 class Hand(Protocol):

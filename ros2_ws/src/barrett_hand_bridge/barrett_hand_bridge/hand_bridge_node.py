@@ -11,7 +11,7 @@ from concurrent.futures import Future
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -31,21 +31,16 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from barrett_hand_bridge import assembly, messages, parameters
+from barrett_hand_bridge.arm_pose_node import ArmPose
 from barrett_hand_bridge.calibration import CalibrationError, HandCalibration
-from barrett_hand_bridge.contacts import (
-    FLAG_CONTACT,
-    FLAG_FAULT,
-    FLAG_NO_GAUGE,
-    FLAG_NOT_TARED,
-    FLAG_SATURATED,
-    FLAG_STALE,
-)
-from barrett_hand_bridge.hand import FINGERS, HandError, HandFacts
+from barrett_hand_bridge.contacts import FLAG_STALE
+from barrett_hand_bridge.hand import FINGERS, HandError, HandFacts, HandSample
+from barrett_hand_bridge.health import Health, LinkState
+from barrett_hand_bridge.kinematics import Array
 from barrett_hand_bridge.motion import Closing, Following, MotionError, Opening
 from barrett_hand_bridge.observer import HandObserver, Observation
 from barrett_hand_bridge.own_emulator import OwnEmulator
 from barrett_hand_bridge.parameters import ParameterError
-from barrett_hand_bridge.statistics import Delays, Rate
 from barrett_hand_bridge.worker import (
     Connected,
     Disturbed,
@@ -85,16 +80,11 @@ class HandBridge(LifecycleNode):
         self._events: deque[tuple[int, Event]] = deque(maxlen=2000)
         self._guard = self.create_guard_condition(self._on_events)
         self._latest: Observation | None = None
-        self._facts: HandFacts | None = None
-        self._state = 'NO_HAND'
-        self._reason = ''
+        self._sample: HandSample | None = None
+        self._health = Health()
+        self._arm: ArmPose | None = None
         self._active = False
-        self._rate = Rate()
-        self._delays = Delays()
         self._states_ns = 0
-        self._losses = 0
-        self._lates = 0
-        self._motion_text = ''
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
 
     def values(self) -> dict[str, Any]:
@@ -124,6 +114,7 @@ class HandBridge(LifecycleNode):
             self._release()
             return TransitionCallbackReturn.FAILURE
         self._values = values
+        self._health = Health(calibration=self._calibration)
         self._make_interfaces()
         self._worker = HandWorker(
             hand,
@@ -168,9 +159,15 @@ class HandBridge(LifecycleNode):
         self._trajectories = self.create_subscription(
             JointTrajectory, 'hand/joint_trajectory', self._on_trajectory, 10
         )
+        if self._values['arm'] != 'none':
+            self._arm = ArmPose(self, self._values, self._on_gravity)
         self._poll_timer = None
         if self._values['poll_period'] > 0.0:
             self._poll_timer = self.create_timer(self._values['poll_period'], self._on_poll)
+
+    def _on_gravity(self, direction: Array) -> None:
+        if self._worker is not None and self._worker.observer is not None:
+            self._worker.observer.set_gravity(direction)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to publish."""
@@ -198,6 +195,9 @@ class HandBridge(LifecycleNode):
         for service in self._services:
             self.destroy_service(service)
         self.destroy_subscription(self._trajectories)
+        arm, self._arm = self._arm, None
+        if arm is not None:
+            arm.end()
         self.destroy_timer(self._diagnostics_timer)
         if self._poll_timer is not None:
             self.destroy_timer(self._poll_timer)
@@ -260,21 +260,21 @@ class HandBridge(LifecycleNode):
             if isinstance(event, Observed):
                 self._on_observed(event, received_ns)
             elif isinstance(event, Late):
-                self._lates += 1
+                self._health.lates += 1
                 self._on_stale()
             elif isinstance(event, Connected):
                 self._on_connected(event)
             elif isinstance(event, Lost):
                 self._on_lost(event.reason)
             elif isinstance(event, NotReady):
-                self._set_state('NOT_INITIALISED', event.reason)
+                self._set_state(LinkState.NOT_INITIALISED, event.reason)
             elif isinstance(event, Disturbed):
-                self._lates += 1
+                self._health.disturbances += 1
                 self.get_logger().warning(event.reason)
                 self._on_stale()
 
     def _on_connected(self, event: Connected) -> None:
-        self._facts = event.facts
+        self._health.facts = event.facts
         facts = event.facts
         assert self._calibration is not None
         try:
@@ -300,34 +300,36 @@ class HandBridge(LifecycleNode):
         log(f'tare: {outcome.message}')
 
     def _on_lost(self, reason: str) -> None:
-        if self._facts is None and not self._values['wait_for_hand']:
+        if self._health.facts is None and not self._values['wait_for_hand']:
             self._fail(reason)
             return
-        if self._state != 'LOST':
-            self._losses += 1
+        if self._health.state is not LinkState.LOST:
+            self._health.losses += 1
             self.get_logger().error(f'{reason}; trying again')
-        self._set_state('LOST', reason)
+        self._set_state(LinkState.LOST, reason)
         self._on_stale()
 
-    def _set_state(self, state: str, reason: str) -> None:
-        if (state, reason) != (self._state, self._reason) and state == 'NOT_INITIALISED':
+    def _set_state(self, state: LinkState, reason: str) -> None:
+        health = self._health
+        if state is LinkState.NOT_INITIALISED and health.state is not state:
             self.get_logger().warning(reason)
-        self._state, self._reason = state, reason
+        health.state, health.reason = state, reason
 
     def _on_observed(self, event: Observed, received_ns: int) -> None:
         observation = event.observation
-        self._latest = observation
-        self._set_state('CYCLING', '')
-        self._rate.count(received_ns * 1e-9)
+        self._latest, self._sample = observation, event.sample
+        self._set_state(LinkState.CYCLING, '')
+        self._health.rate.count(received_ns * 1e-9)
         if not self._active:
             return
         stamp = observation.stamp_ns
         readings = observation.fingers
         contacts = [readings[finger].contact for finger in FINGERS]
+        contacts += observation.cells
         self._contacts.publish(
             messages.contacts_message(contacts, stamp, self._values['hand_frame'])
         )
-        self._delays.add((time.monotonic_ns() - received_ns) * 1e-9)
+        self._health.delays.add((time.monotonic_ns() - received_ns) * 1e-9)
         if (
             stamp - self._states_ns < 0.95e9 / self._values['state_rate']
             and stamp > self._states_ns
@@ -375,7 +377,7 @@ class HandBridge(LifecycleNode):
             return Outcome(False, 'the bridge is not configured')
         outcome = await self._finish(self._worker.submit(kind, motion))
         if kind in ('move', 'initialize', 'stop'):
-            self._motion_text = outcome.message
+            self._health.last_motion = outcome.message
         return outcome
 
     async def _open(self) -> Outcome:
@@ -401,92 +403,23 @@ class HandBridge(LifecycleNode):
             )
         except MotionError as error:
             self.get_logger().error(f'hand/joint_trajectory: {error}')
-            self._motion_text = str(error)
+            self._health.last_motion = str(error)
             return
         outcome = await self._ask('move', motion)
         log = self.get_logger().info if outcome.success else self.get_logger().error
         log(f'hand/joint_trajectory: {outcome.message}')
 
     def _on_diagnostics(self) -> None:
-        level, text = self._judgement()
-        values = {
-            'state': self._state,
-            'reason': self._reason,
-            'last motion': self._motion_text,
-            'cycles per second': f'{self._rate.per_second(time.monotonic()):.1f}',
-            'cycle to published, median (ms)': f'{1e3 * self._delays.percentile(50):.2f}',
-            'cycle to published, p99 (ms)': f'{1e3 * self._delays.percentile(99):.2f}',
-            'losses of the link': str(self._losses),
-            'late cycles': str(self._lates),
-        }
-        if self._facts is not None:
-            values['ceiling (cycles per second)'] = f'{self._facts.ceiling_hz:.1f}'
-            values['firmware'] = self._facts.firmware
-        if self._calibration is not None:
-            values['calibration'] = self._calibration.source
-        if self._latest is not None:
-            values |= self._finger_values(self._latest)
-        hardware = (
-            'no hand yet'
-            if self._facts is None
-            else f'{self._facts.model} {self._facts.serial_number}'
-        )
+        health = self._health
+        observer = None if self._worker is None else self._worker.observer
+        level, text = health.judge(self._latest, self._sample)
+        values = health.values(self._latest, self._sample, observer, time.monotonic())
+        facts = health.facts
+        hardware = 'no hand yet' if facts is None else f'{facts.model} {facts.serial_number}'
         self._diagnostics.publish(
             messages.diagnostics_message(
                 level, 'hand_bridge: hand', text, hardware, values, self._now_ns()
             )
-        )
-
-    def _finger_values(self, observation: Observation) -> dict[str, str]:
-        values: dict[str, str] = {}
-        observer = None if self._worker is None else self._worker.observer
-        for finger, reading in observation.fingers.items():
-            name = f'finger {finger}'
-            values[f'{name} gauge (counts)'] = str(reading.gauge_counts)
-            if reading.contact.flags & FLAG_NO_GAUGE or observer is None:
-                continue
-            tared_at = observer.zeros[finger].tared_at_s
-            age = math.nan if tared_at is None else observation.stamp_ns * 1e-9 - tared_at
-            values[f'{name} zero (counts)'] = f'{reading.zero_counts:.2f}'
-            values[f'{name} zero sigma (counts)'] = f'{reading.zero_sigma_counts:.2f}'
-            values[f'{name} zero age (s)'] = f'{age:.0f}'
-            valid = observer.settings.calibrations[finger].valid_torque_nm
-            if reading.arm_m > 0.005:
-                values[f'{name} gauge ends at (N)'] = f'{valid / reading.arm_m:.1f}'
-        return values
-
-    def _judgement(self) -> tuple[bytes, str]:
-        """Level and sentence for /diagnostics."""
-        if self._state in ('NO_HAND', 'LOST'):
-            return DiagnosticStatus.ERROR, self._reason or 'no hand yet'
-        if self._state == 'NOT_INITIALISED':
-            return DiagnosticStatus.WARN, self._reason
-        if self._latest is None:
-            return DiagnosticStatus.STALE, 'no cycle yet'
-        for finger, reading in self._latest.fingers.items():
-            flags = reading.contact.flags
-            if flags & FLAG_FAULT:
-                return DiagnosticStatus.ERROR, f'finger {finger}: the pin has no lever arm'
-            if flags & FLAG_SATURATED:
-                return (
-                    DiagnosticStatus.ERROR,
-                    f'finger {finger}: {reading.torque_nm:.2f} N m is beyond the gauge or its '
-                    'calibration, the force is not to be trusted',
-                )
-            if reading.near_saturation:
-                return (
-                    DiagnosticStatus.WARN,
-                    f'finger {finger}: {reading.torque_nm:.2f} N m, the gauge ends soon',
-                )
-            if flags & FLAG_NOT_TARED and not flags & FLAG_NO_GAUGE:
-                return DiagnosticStatus.WARN, f'finger {finger} is not tared: call hand/tare'
-        touching = [
-            str(finger)
-            for finger, reading in self._latest.fingers.items()
-            if reading.contact.flags & FLAG_CONTACT
-        ]
-        return DiagnosticStatus.OK, (
-            f'fingers in contact: {", ".join(touching)}' if touching else 'free'
         )
 
 

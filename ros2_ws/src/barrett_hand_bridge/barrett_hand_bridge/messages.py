@@ -16,6 +16,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from barrett_hand_bridge.contacts import Contact
 from barrett_hand_bridge.hand import FINGERS, SPREAD
+from barrett_hand_bridge.health import Level
 from barrett_hand_bridge.kinematics import Array, JointAngles, cross
 from barrett_hand_bridge.motion import MotionError, TrajectoryPoint
 from barrett_hand_bridge.observer import FingerReading
@@ -35,6 +36,12 @@ CONTACT_TYPE = np.dtype(
         ('sigma_normal', '<f4'),
     ]
 )
+_LEVELS = {
+    Level.OK: DiagnosticStatus.OK,
+    Level.WARN: DiagnosticStatus.WARN,
+    Level.ERROR: DiagnosticStatus.ERROR,
+    Level.STALE: DiagnosticStatus.STALE,
+}
 _FIELD_TYPES = {'f': PointField.FLOAT32, 'u': PointField.UINT8}
 
 
@@ -139,10 +146,16 @@ def pose_message(position: Array, quaternion: Array, stamp_ns: int, frame: str) 
     return message
 
 
-def pose_quaternion(message: PoseStamped) -> tuple[float, float, float, float]:
-    """Orientation of a pose as x y z w."""
-    q = message.pose.orientation
-    return float(q.x), float(q.y), float(q.z), float(q.w)
+def pose_numbers(message: PoseStamped) -> tuple[float, ...]:
+    """A pose as x y z and quaternion x y z w."""
+    p, q = message.pose.position, message.pose.orientation
+    return tuple(float(value) for value in (p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+
+
+def stamp_nanoseconds(message: PoseStamped | JointState) -> int:
+    """The stamp of a message in nanoseconds."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def joint_positions(message: JointState) -> dict[str, float]:
@@ -182,7 +195,7 @@ def trajectory_points(message: JointTrajectory, names: Sequence[str]) -> list[Tr
 
 
 def diagnostics_message(
-    level: bytes,
+    level: Level,
     name: str,
     text: str,
     hardware: str,
@@ -191,7 +204,7 @@ def diagnostics_message(
 ) -> DiagnosticArray:
     """`/diagnostics` with one status."""
     status = DiagnosticStatus(
-        level=level,
+        level=_LEVELS[level],
         name=name,
         message=text,
         hardware_id=hardware,

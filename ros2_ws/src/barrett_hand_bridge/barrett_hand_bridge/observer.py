@@ -37,6 +37,7 @@ from barrett_hand_bridge.kinematics import (
     torque_arm,
 )
 from barrett_hand_bridge.tare import ExpectedZero, TareOutcome, take_zero
+from barrett_hand_bridge.touch import finger_cells, touch_contacts
 from barrett_hand_bridge.zero import DRIFT_8_BIT, DriftModel, ZeroTracker
 
 NEAR_SATURATION = 0.9
@@ -60,6 +61,7 @@ class ObserverSettings:
     opposed_fingers: tuple[int, int] | None = (1, 2)
     gravity: tuple[float, float, float] = (0.0, 0.0, -1.0)
     touch: TouchSettings = field(default_factory=TouchSettings)
+    touch_threshold_n_per_cm2: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -79,11 +81,12 @@ class FingerReading:
 
 @dataclass(frozen=True)
 class Observation:
-    """Everything known after one sample."""
+    """Everything known after one sample; `cells` are the pressed touch cells."""
 
     stamp_ns: int
     angles: JointAngles
     fingers: Mapping[int, FingerReading]
+    cells: tuple[Contact, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -105,6 +108,7 @@ class HandObserver:
         self.touches = {finger: TouchTracker(settings.touch) for finger in FINGERS}
         self._tare_weight_nm = dict.fromkeys(FINGERS, 0.0)
         self._weight_nm = dict.fromkeys(FINGERS, 0.0)
+        self._cells = finger_cells(settings.geometry.pad_height_m)
         self._gravity: Array = np.asarray(settings.gravity, dtype=float)
 
     def set_gravity(self, direction: Array) -> None:
@@ -188,7 +192,12 @@ class HandObserver:
             readings[finger] = self._reading(
                 finger, sample.gauge_counts[index], torques[finger], frames[finger], ends, time_s
             )
-        return Observation(sample.stamp_ns, angles, readings)
+        cells: list[Contact] = []
+        if sample.tactile_n_per_cm2 is not None:
+            cells = touch_contacts(
+                sample.tactile_n_per_cm2, frames, self._cells, s.touch_threshold_n_per_cm2
+            )
+        return Observation(sample.stamp_ns, angles, readings, tuple(cells))
 
     def _torque(self, finger: int, counts: int | None, time_s: float) -> _Torque:
         gauge = self.settings.calibrations.get(finger, NO_GAUGE)

@@ -45,6 +45,15 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter('interface', 'socketcan', 'python-can interface of the CAN bus'),
     Parameter('channel', 'can0', 'python-can channel of the CAN bus'),
     Parameter('can_port', 43113, 'UDP port when interface is udp_multicast', 1024, 65535),
+    Parameter(
+        'touch',
+        'none',
+        'touch cells of a BH8-280: none, top10 or full; each pressed cell becomes a contact',
+        choices=('none', 'top10', 'full'),
+    ),
+    Parameter(
+        'touch_threshold', 0.5, 'pressure from which a touch cell is a contact (N/cm2)', 0.0, 16.0
+    ),
     Parameter('calibration', '', 'calibration file of this hand (YAML, from hand_calibrate)'),
     Parameter('emulator_object', '', 'object file for backend emulator; empty: nothing to grasp'),
     Parameter('emulator_seed', 1, 'seed of the emulated gauges', 0, 2**31 - 1),
@@ -141,6 +150,31 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter('follow_drift', True, 'follow the gauge zeros while the fingers are free'),
     Parameter('servo_sample_time', 0.01, 'servo sample of the BH8-262 (s)', 0.001, 0.1),
     Parameter('breakaway_feedback', False, 'ask for breakaway positions (firmware 4.4 on)'),
+    Parameter(
+        'arm',
+        'none',
+        'where hand_pose comes from: none; pose: arm/pose (PoseStamped of the flange); cobra_600: '
+        'arm/joint_states of an Adept Cobra 600',
+        choices=('none', 'pose', 'cobra_600'),
+    ),
+    Parameter('world_frame', 'world', 'frame of hand_pose when it comes from arm joints'),
+    Parameter(
+        'arm_joint_names',
+        ['joint_1', 'joint_2', 'joint_3', 'joint_4'],
+        'the four joints of the SCARA in arm/joint_states; joint 3 in m, positive down',
+        length=4,
+    ),
+    _length_m('arm_link_1', 0.325, 'first link of the SCARA', 2.0),
+    _length_m('arm_link_2', 0.275, 'second link of the SCARA', 2.0),
+    _length_m('arm_height', 0.387, 'flange above the base of the SCARA at joint 3 = 0', 2.0),
+    Parameter(
+        'hand_mount',
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0],
+        'hand frame in the flange frame: x y z (m) and quaternion x y z w',
+        -2.0,
+        2.0,
+        length=7,
+    ),
     Parameter('close_fingers', [1, 2], 'fingers that hand/close closes', 1, 3),
     Parameter('close_force', 5.0, 'force at which hand/close stops (N)', 0.1, 25.0, live=True),
     Parameter('torque_limit', 1.0, 'torque that ends any motion (N m)', 0.01, 1.5, live=True),

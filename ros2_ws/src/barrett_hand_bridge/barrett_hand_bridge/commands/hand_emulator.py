@@ -10,8 +10,12 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 
-from barrett_hand_bridge.emulator.faults import FAULTS, FaultError, parse_fault
-from barrett_hand_bridge.emulator.mechanics import SCALE_262, HandBody, HandMechanics
+import can
+
+from barrett_hand_bridge.emulator.can_hand import CanHand
+from barrett_hand_bridge.emulator.can_port import BusSchedule, CanPort, SlcanPort
+from barrett_hand_bridge.emulator.faults import FAULTS, Fault, FaultError, parse_fault
+from barrett_hand_bridge.emulator.mechanics import SCALE_262, SCALE_280, HandBody, HandMechanics
 from barrett_hand_bridge.emulator.pty_port import PtyPort
 from barrett_hand_bridge.emulator.serial_hand import SerialHand
 from barrett_hand_bridge.emulator.squeeze import SqueezeError, read_squeezed
@@ -34,6 +38,21 @@ def parser() -> argparse.ArgumentParser:
         '--unpaced', action='store_true', help='bytes take no time instead of 10 bits each (262)'
     )
     command.add_argument('--firmware', default='4.4.0', help='firmware version (262), e.g. 4.3.1')
+    command.add_argument(
+        '--interface', default='udp_multicast', help='python-can interface; slcan: a pty (280)'
+    )
+    command.add_argument('--channel', default='239.74.163.2', help='python-can channel (280)')
+    command.add_argument('--can-port', type=int, default=43113, help='UDP port (280)')
+    command.add_argument(
+        '--puck-firmware', type=int, default=190, help='firmware of the motor controllers (280)'
+    )
+    command.add_argument(
+        '--press',
+        action='append',
+        default=[],
+        metavar='FINGER:CELL:PRESSURE',
+        help='pressure in N/cm2 on a touch cell, 0 to 23; finger 4 is the palm (280)',
+    )
     command.add_argument(
         '--fault',
         action='append',
@@ -64,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     try:
         return _serve(options)
-    except (SqueezeError, FaultError, OSError, ValueError) as error:
+    except (SqueezeError, FaultError, OSError, ValueError, can.CanError) as error:
         print(f'hand_emulator: {error}', file=sys.stderr)
         return 1
 
@@ -72,12 +91,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _serve(options: argparse.Namespace) -> int:
     squeezed = None if options.object is None else read_squeezed(options.object)
     faults = [parse_fault(text) for text in options.fault]
-    mechanics = HandMechanics(HandBody(scale=SCALE_262), options.seed, squeezed)
+    scale = SCALE_262 if options.hand == '262' else SCALE_280
+    mechanics = HandMechanics(HandBody(scale=scale), options.seed, squeezed)
     if options.weigh is not None:
         lines = weighing_table(mechanics, options.seed)
         options.weigh.write_text('\n'.join(lines) + '\n', encoding='utf-8')
         if options.once:
             return 0
+    port, where = (
+        _serial_port(options, mechanics, faults)
+        if options.hand == '262'
+        else _can_port(options, mechanics, faults)
+    )
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    port.start()
+    text = f'BH8-{options.hand} on {where}'
+    print(json.dumps({'port': where}) if options.json else text, flush=True)
+    if options.until_eof:
+        threading.Thread(target=_leave_at_eof, args=(ended,), daemon=True).start()
+    ended.wait()
+    port.stop()
+    return 0
+
+
+def _serial_port(
+    options: argparse.Namespace, mechanics: HandMechanics, faults: Sequence[Fault]
+) -> tuple[PtyPort, str]:
     major, minor, patch = (int(part) for part in options.firmware.split('.'))
     port = PtyPort(
         SerialHand(mechanics, firmware=(major, minor, patch), serial_number=options.seed),
@@ -85,17 +126,27 @@ def _serve(options: argparse.Namespace) -> int:
         link=options.link,
         faults=faults,
     )
-    ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
-    port.start()
-    where = str(options.link or port.path)
-    print(json.dumps({'port': where}) if options.json else f'BH8-262 on {where}', flush=True)
-    if options.until_eof:
-        threading.Thread(target=_leave_at_eof, args=(ended,), daemon=True).start()
-    ended.wait()
-    port.stop()
-    return 0
+    return port, str(options.link or port.path)
+
+
+def _can_port(
+    options: argparse.Namespace, mechanics: HandMechanics, faults: Sequence[Fault]
+) -> tuple[CanPort | SlcanPort, str]:
+    hand = CanHand(mechanics, firmware=options.puck_firmware)
+    for text in options.press:
+        finger, cell, pressure = text.split(':')
+        hand.pressures[int(finger)][int(cell)] = float(pressure)
+    schedule = BusSchedule(hand, paced=not options.unpaced, faults=faults)
+    if options.interface == 'slcan':
+        stick = SlcanPort(schedule)
+        return stick, stick.path
+    settings: dict[str, object] = {'interface': options.interface, 'channel': options.channel}
+    if options.interface == 'udp_multicast':
+        settings |= {'port': options.can_port, 'hop_limit': 0}
+    return (
+        CanPort(schedule, lambda: can.Bus(**settings)),  # type: ignore[arg-type]
+        f'{options.interface} {options.channel}',
+    )
 
 
 def _leave_at_eof(ended: threading.Event) -> None:

@@ -53,5 +53,9 @@ class DirectPort:
         del self._received[:size]
         return data
 
+    def fileno(self) -> int:
+        """There is none: nothing but this object leads to the hand."""
+        raise OSError('a direct port has no file descriptor')
+
     def close(self) -> None:
         """Nothing to let go of."""

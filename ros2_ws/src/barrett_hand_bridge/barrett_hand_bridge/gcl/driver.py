@@ -30,6 +30,7 @@ from barrett_hand_bridge.hand import (
     ENCODER_262,
     FINGERS,
     SPREAD,
+    Guard,
     HandError,
     HandFacts,
     HandNotInitialisedError,
@@ -71,6 +72,7 @@ class SerialHand:
         breakaway: bool = False,
         temperature_bytes: int | None = None,
         prefetch: bool = True,
+        guard: Callable[[Port], Guard] | None = None,
     ) -> None:
         """A driver that is not connected yet.
 
@@ -93,6 +95,8 @@ class SerialHand:
             layout.motors, temperature_bytes or 0, velocity_coefficient=layout.velocity_coefficient
         )
         self._prefetch = prefetch
+        self._make_guard = guard
+        self._guard: Guard | None = None
         self._asked = False
         self._looping = False
         self._flipped = dict.fromkeys(FINGERS, False)
@@ -133,6 +137,8 @@ class SerialHand:
                 port.close()
             raise HandError(f'no BarrettHand answers on the serial line: {error}') from error
         self._line = line
+        if self._make_guard is not None:
+            self._guard = self._make_guard(port)
         self._seen_gauge = dict.fromkeys(FINGERS, False)
         return HandFacts(
             model='BH8-262',
@@ -328,10 +334,13 @@ class SerialHand:
     def close(self) -> None:
         """Stop the motors and let go of the port."""
         line, self._line, self._looping = self._line, None, False
+        guard, self._guard = self._guard, None
         if line is None:
             return
         with contextlib.suppress(HandLinkError, serial.SerialException, OSError, TypeError):
             line.port.write(CONTROL_C)
             line.drain()
+        if guard is not None:
+            guard.dismiss()
         with contextlib.suppress(serial.SerialException, OSError, TypeError):
             line.port.close()

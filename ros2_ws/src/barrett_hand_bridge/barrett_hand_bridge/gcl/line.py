@@ -35,6 +35,9 @@ class Port(Protocol):
     def write(self, data: bytes, /) -> int | None:
         """Send bytes."""
 
+    def fileno(self) -> int:
+        """File descriptor of the open port."""
+
     def close(self) -> None:
         """Let go of the port."""
 

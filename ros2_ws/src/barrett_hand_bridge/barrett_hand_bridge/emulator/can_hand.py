@@ -1,0 +1,256 @@
+"""An emulated BH8-280: four motor controllers on a CAN bus, frames in, frames out.
+
+Identifiers, property numbers and packing after what is known of the maker's bus; the inner-link
+encoder, the mode numbers and the self-preservation after the maker's support pages.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from barrett_hand_bridge.emulator.mechanics import SPREAD, HandMechanics
+
+FIRST_NODE = 11
+HAND_GROUP = 5
+ENCODER_COUNTS_PER_TURN = 4096
+SELF_PRESERVATION = (667, 3460)
+SELF_PRESERVATION_OFF, SELF_PRESERVATION_ON = 10000, 10001
+RELIEF_COUNTS_PER_S = 60_000.0
+
+POSITION_PROPERTY = 48
+LONG_PROPERTIES = (48, 50, 52, 54, 56, 58, 66, 68, 74, 88, 96, 98)
+
+
+@dataclass(frozen=True)
+class OutgoingFrame:
+    """A frame of the hand."""
+
+    identifier: int
+    data: bytes
+
+
+@dataclass
+class Puck:
+    """One motor controller: its own copy of every property it has been told."""
+
+    node: int
+    awake: bool = False
+    mode: int = 0
+    values: dict[int, int] = field(default_factory=dict)
+    guarded: bool = True
+    relieving: bool = False
+    touch_mode: int = 0
+
+
+class CanHand:
+    """A BH8-280 behind its CAN plug. Feed it frames, advance its time, take its answers."""
+
+    def __init__(
+        self, mechanics: HandMechanics, *, firmware: int = 190, touch: bool = True
+    ) -> None:
+        """A hand just switched on: all four controllers wait in their monitor (STAT 0)."""
+        self.mechanics = mechanics
+        self.firmware = firmware
+        self.pucks = {motor: Puck(FIRST_NODE + motor - 1) for motor in (1, 2, 3, 4)}
+        self.touch = touch
+        self.pressures: dict[int, list[float]] = {motor: [0.0] * 24 for motor in (1, 2, 3, 4)}
+        self.temperature_c = 32
+        self._output: list[OutgoingFrame] = []
+        self._initialising: list[int] = []
+        self._gauge_property = 25 if firmware >= 61 else 56
+        self._hold_property, self._enable_property = (
+            (94, 77) if 65 <= firmware <= 131 else (77, 94)
+        )
+
+    def take(self) -> list[OutgoingFrame]:
+        """Everything the hand has sent since the last call."""
+        frames, self._output = self._output, []
+        return frames
+
+    def power_cycle(self) -> None:
+        """A brown-out: motors stop, all controllers are back in their monitor."""
+        for puck in self.pucks.values():
+            puck.awake, puck.mode, puck.values = False, 0, {}
+        for motor in self.mechanics.motors.values():
+            motor.stop()
+        self._initialising.clear()
+
+    def receive(self, identifier: int, data: bytes) -> None:
+        """A frame from the host."""
+        if identifier >> 5 & 0x1F != 0 or not data:
+            return
+        destination = identifier & 0x1F
+        for motor, puck in self.pucks.items():
+            if identifier & 0x400:
+                if destination in (0, 7, HAND_GROUP):
+                    self._serve(motor, puck, data)
+            elif destination == puck.node:
+                self._serve(motor, puck, data)
+
+    def _serve(self, motor: int, puck: Puck, data: bytes) -> None:
+        number = data[0] & 0x7F
+        if data[0] & 0x80:
+            if len(data) in (4, 6):
+                self._set(motor, puck, number, int.from_bytes(data[2:], 'little', signed=True))
+        elif len(data) == 1:
+            self._get(motor, puck, number)
+
+    def _set(self, motor: int, puck: Puck, number: int, value: int) -> None:
+        if number == 5:
+            puck.awake = value == 2
+            return
+        if not puck.awake:
+            return
+        state = self.mechanics.motors[motor]
+        if number == 8:
+            self._change_mode(motor, puck, value)
+        elif number == 44:
+            puck.values[44] = value
+            if puck.mode == 4:
+                state.drive(value * 1000.0) if value else state.stop()
+        elif number == 29:
+            self._command(motor, puck, value)
+        elif number == 71 and value in (SELF_PRESERVATION_OFF, SELF_PRESERVATION_ON):
+            puck.guarded = value == SELF_PRESERVATION_ON
+        elif number == 106 and self.firmware >= 142:
+            puck.touch_mode = value
+            if value == 2:
+                self._send_touch(motor, puck)
+        else:
+            puck.values[number] = value
+
+    def _change_mode(self, motor: int, puck: Puck, mode: int) -> None:
+        state = self.mechanics.motors[motor]
+        puck.mode = mode
+        if mode == 0:
+            state.stop()
+        elif mode == 4:
+            speed = puck.values.get(44, 0)
+            state.drive(speed * 1000.0) if speed else state.stop()
+
+    def _command(self, motor: int, puck: Puck, command: int) -> None:
+        state = self.mechanics.motors[motor]
+        speed = puck.values.get(45, 50 if motor == SPREAD else 200) * 1000.0
+        if command in (13, 20, 7):
+            puck.mode = 5
+            state.drive(-speed, 0.0)
+            self._initialising.append(motor)
+        elif command == 18:
+            puck.mode = 5
+            state.drive(speed, float(puck.values.get(56, 35950 if motor == SPREAD else 195000)))
+            self._initialising.append(motor)
+        elif command == 19:
+            goal = float(puck.values.get(58, 0))
+            puck.mode = 5
+            state.drive(speed if goal > state.position else -speed, goal)
+            self._initialising.append(motor)
+        elif command == 21:
+            puck.mode = 0
+            state.stop()
+
+    def _get(self, motor: int, puck: Puck, number: int) -> None:
+        if number == 5:
+            self._reply(puck, number, 2 if puck.awake else 0)
+            return
+        if not puck.awake:
+            return
+        if number == POSITION_PROPERTY:
+            self._send_position(motor, puck)
+        elif number == 106 and self.firmware >= 142:
+            self._send_touch(motor, puck)
+        elif number == self._gauge_property:
+            spread = motor == SPREAD
+            self._reply(puck, number, 2900 if spread else self.mechanics.gauges[motor].counts)
+        else:
+            self._reply(puck, number, self._value(motor, puck, number))
+
+    def _value(self, motor: int, puck: Puck, number: int) -> int:
+        if number == 0:
+            return self.firmware
+        if number == 1:
+            gauge = motor != SPREAD and self.mechanics.gauges[motor].fitted
+            return 5 | 0x0200 | (0x0800 if gauge else 0) | (0x1000 if self.touch else 0)
+        if number == 2:
+            return 2800 + motor
+        if number == 3:
+            return puck.node
+        if number == 8:
+            return puck.mode
+        if number in (9, 10):
+            return self.temperature_c
+        if number == self._hold_property:
+            return puck.values.get(number, 1 if motor == SPREAD else 0)
+        return puck.values.get(number, 0)
+
+    def _reply(self, puck: Puck, number: int, value: int) -> None:
+        size = 4 if number in LONG_PROPERTIES else 2
+        data = bytes((number | 0x80, 0)) + value.to_bytes(size, 'little', signed=True)
+        self._output.append(OutgoingFrame(0x400 | puck.node << 5 | 6, data))
+
+    def _send_position(self, motor: int, puck: Puck) -> None:
+        data = _packed(self.mechanics.encoder_counts(motor))
+        if motor != SPREAD and self.firmware >= 125:
+            inner, _ = self.mechanics.angles(motor)
+            counts = inner * 50.0 * ENCODER_COUNTS_PER_TURN / (2.0 * math.pi)
+            data += _packed(math.floor(counts + 0.5))
+        self._output.append(OutgoingFrame(0x400 | puck.node << 5 | 3, data))
+
+    def _send_touch(self, motor: int, puck: Puck) -> None:
+        cells = self.pressures[motor]
+        if puck.touch_mode == 2:
+            for part in range(5):
+                word = part
+                for value in (*cells, 0.0)[5 * part : 5 * part + 5]:
+                    word = word << 12 | min(max(int(value * 256.0), 0), 0xFFF)
+                frame = OutgoingFrame(0x400 | puck.node << 5 | 9, word.to_bytes(8, 'big'))
+                self._output.append(frame)
+        elif puck.touch_mode == 1:
+            strongest = sorted(range(24), key=lambda cell: -cells[cell])[:10]
+            marked = sorted(cell for cell in strongest if cells[cell] > 0.0)
+            word = 0
+            for cell in marked:
+                word |= 1 << (63 - cell)
+            for place, cell in enumerate(marked):
+                word |= min(int(cells[cell]), 15) << (36 - 4 * place)
+            self._output.append(OutgoingFrame(0x400 | puck.node << 5 | 8, word.to_bytes(8, 'big')))
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass: motors run, fingers protect their gauges, gauges drift."""
+        left = seconds
+        while left > 1e-12:
+            passing = min(left, 0.005)
+            self.mechanics.advance(passing)
+            left -= passing
+            self._watch()
+
+    def _watch(self) -> None:
+        for motor in tuple(self._initialising):
+            if not self.mechanics.motors[motor].moving:
+                self._initialising.remove(motor)
+                # The spread holds its position under control, a finger's worm gear needs none.
+                self.pucks[motor].mode = 3 if motor == SPREAD else 0
+        for motor in (1, 2, 3):
+            self._protect(motor, self.pucks[motor])
+
+    def _protect(self, motor: int, puck: Puck) -> None:
+        """Drive back above the gauge's own limits, and above HSG when one is set."""
+        counts = self.mechanics.gauges[motor].counts
+        state = self.mechanics.motors[motor]
+        limit = puck.values.get(71, 0)
+        over = limit > 0 and counts > limit
+        if puck.guarded:
+            over = over or counts > SELF_PRESERVATION[1]
+        if over and self.mechanics.gauges[motor].fitted:
+            puck.relieving = True
+            state.drive(-RELIEF_COUNTS_PER_S)
+        elif puck.relieving:
+            puck.relieving = False
+            puck.mode = 0
+            state.stop()
+
+
+def _packed(value: int) -> bytes:
+    """A position in three bytes: mark, then 22 bits two's complement, most significant first."""
+    raw = value & 0x3FFFFF
+    return bytes((0x80 | raw >> 16, raw >> 8 & 0xFF, raw & 0xFF))

@@ -1,0 +1,151 @@
+"""What /diagnostics says about the hand: one level, one sentence, and the numbers behind it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum
+
+from barrett_hand_bridge.calibration import HandCalibration
+from barrett_hand_bridge.contacts import (
+    FLAG_CONTACT,
+    FLAG_FAULT,
+    FLAG_NO_GAUGE,
+    FLAG_NOT_TARED,
+    FLAG_SATURATED,
+)
+from barrett_hand_bridge.hand import HandFacts, HandSample
+from barrett_hand_bridge.observer import HandObserver, Observation
+from barrett_hand_bridge.statistics import Delays, Rate
+
+HOT_C = 56.0
+
+
+class Level(Enum):
+    """How well it is."""
+
+    OK = 'ok'
+    WARN = 'warn'
+    ERROR = 'error'
+    STALE = 'stale'
+
+
+class LinkState(Enum):
+    """Where the conversation with the hand stands."""
+
+    NO_HAND = 'no hand'
+    LOST = 'lost'
+    NOT_INITIALISED = 'not initialised'
+    CYCLING = 'cycling'
+
+
+@dataclass
+class Health:
+    """Counters and last words of one node's life with its hand."""
+
+    state: LinkState = LinkState.NO_HAND
+    reason: str = ''
+    last_motion: str = ''
+    losses: int = 0
+    lates: int = 0
+    disturbances: int = 0
+    facts: HandFacts | None = None
+    calibration: HandCalibration | None = None
+    rate: Rate = field(default_factory=Rate)
+    delays: Delays = field(default_factory=Delays)
+
+    def judge(
+        self, observation: Observation | None, sample: HandSample | None
+    ) -> tuple[Level, str]:
+        """Level and sentence."""
+        if self.state in (LinkState.NO_HAND, LinkState.LOST):
+            return Level.ERROR, self.reason or 'no hand yet'
+        if self.state is LinkState.NOT_INITIALISED:
+            return Level.WARN, self.reason
+        if observation is None or sample is None:
+            return Level.STALE, 'no cycle yet'
+        for index, finger in enumerate((1, 2, 3)):
+            if sample.relieving[index]:
+                return (
+                    Level.ERROR,
+                    f'finger {finger} protects its gauge and gives way by itself',
+                )
+        if sample.temperature_c is not None and sample.temperature_c > HOT_C:
+            return Level.ERROR, f'the hand is {sample.temperature_c:.0f} degrees Celsius hot'
+        return _judge_fingers(observation)
+
+    def values(
+        self,
+        observation: Observation | None,
+        sample: HandSample | None,
+        observer: HandObserver | None,
+        time_s: float,
+    ) -> dict[str, str]:
+        """Everything in numbers, as text, for the diagnostic values."""
+        values = {
+            'state': self.state.value,
+            'reason': self.reason,
+            'last motion': self.last_motion,
+            'cycles per second': f'{self.rate.per_second(time_s):.1f}',
+            'cycle to published, median (ms)': f'{1e3 * self.delays.percentile(50):.2f}',
+            'cycle to published, p99 (ms)': f'{1e3 * self.delays.percentile(99):.2f}',
+            'losses of the link': str(self.losses),
+            'late cycles': str(self.lates),
+            'resynchronisations': str(self.disturbances),
+        }
+        if self.facts is not None:
+            values['link ceiling (cycles per second)'] = f'{self.facts.ceiling_hz:.1f}'
+            values['firmware'] = self.facts.firmware
+        if self.calibration is not None:
+            values['calibration'] = self.calibration.source
+        if sample is not None and sample.temperature_c is not None:
+            values['temperature (degrees Celsius)'] = f'{sample.temperature_c:.1f}'
+        if observation is not None:
+            values |= _finger_values(observation, observer)
+        return values
+
+
+def _judge_fingers(observation: Observation) -> tuple[Level, str]:
+    warning = ''
+    for finger, reading in observation.fingers.items():
+        flags = reading.contact.flags
+        if flags & FLAG_FAULT:
+            return Level.ERROR, f'finger {finger}: the pin has no lever arm about joint 3'
+        if flags & FLAG_SATURATED:
+            return (
+                Level.ERROR,
+                f'finger {finger}: {reading.torque_nm:.2f} N m is beyond the gauge or its '
+                'calibration, the force is not to be trusted',
+            )
+        if flags & FLAG_NO_GAUGE:
+            continue
+        if flags & FLAG_NOT_TARED:
+            warning = warning or f'finger {finger} is not tared: call hand/tare'
+        elif reading.near_saturation:
+            warning = warning or f'finger {finger}: {reading.torque_nm:.2f} N m, gauge ends soon'
+    if warning:
+        return Level.WARN, warning
+    touching = [
+        str(finger)
+        for finger, reading in observation.fingers.items()
+        if reading.contact.flags & FLAG_CONTACT
+    ]
+    return Level.OK, f'fingers in contact: {", ".join(touching)}' if touching else 'free'
+
+
+def _finger_values(observation: Observation, observer: HandObserver | None) -> dict[str, str]:
+    values: dict[str, str] = {}
+    for finger, reading in observation.fingers.items():
+        name = f'finger {finger}'
+        values[f'{name} gauge (counts)'] = str(reading.gauge_counts)
+        if reading.contact.flags & FLAG_NO_GAUGE or observer is None:
+            continue
+        tared_at_s = observer.zeros[finger].tared_at_s
+        age = math.nan if tared_at_s is None else observation.stamp_ns * 1e-9 - tared_at_s
+        values[f'{name} zero (counts)'] = f'{reading.zero_counts:.2f}'
+        values[f'{name} zero sigma (counts)'] = f'{reading.zero_sigma_counts:.2f}'
+        values[f'{name} zero age (s)'] = f'{age:.0f}'
+        valid = observer.settings.calibrations[finger].valid_torque_nm
+        if reading.arm_m > 0.005:
+            values[f'{name} gauge ends at (N)'] = f'{valid / reading.arm_m:.1f}'
+    return values

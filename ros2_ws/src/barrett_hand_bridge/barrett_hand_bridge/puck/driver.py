@@ -1,0 +1,472 @@
+"""Driver of a BH8-280 or BH8-282 over CAN: Puck 2 properties polled by group messages."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import can
+
+from barrett_hand_bridge.hand import (
+    ENCODER_280,
+    FINGERS,
+    SPREAD,
+    Guard,
+    HandError,
+    HandFacts,
+    HandNotInitialisedError,
+    HandSample,
+)
+from barrett_hand_bridge.puck import properties
+from barrett_hand_bridge.puck.frames import (
+    CELLS,
+    FULL_FRAMES,
+    GROUP_FULL,
+    GROUP_HAND,
+    GROUP_POSITION,
+    GROUP_PROPERTY,
+    GROUP_TOP_10,
+    HOST,
+    MOTORS,
+    NODES,
+    Frame,
+    FrameError,
+    decode_address,
+    decode_full_frame,
+    decode_position,
+    decode_property,
+    decode_top_10,
+    get_frame,
+    set_frame,
+)
+
+INNER_RAD_PER_COUNT = 2.0 * math.pi / 4096 / 50.0
+MOTORS_ALL = (*FINGERS, SPREAD)
+REPLY_S = 0.1
+WAKE_SILENCE_S = 1.0
+FINGERS_TIMEOUT_S = 6.0
+SPREAD_TIMEOUT_S = 4.0
+REFRESH_CYCLES = 25
+PATIENCE_S = 1.0
+# Under three periods of the 500 cycles per second that this driver promises.
+LATE_S = 0.0055
+HIGHEST_FINGER_COUNTS = 215_000
+HIGHEST_SPREAD_COUNTS = 40_000
+# Two group requests, four gauge and four position replies: 47 bits and 8 per byte at 1 Mbit/s.
+CYCLE_WIRE_S = 806e-6
+
+
+@dataclass
+class _Cycle:
+    """Replies of one cycle as they come in."""
+
+    gauges: dict[int, int] = field(default_factory=dict)
+    positions: dict[int, tuple[int, int | None]] = field(default_factory=dict)
+
+    def complete(self) -> bool:
+        return len(self.positions) == 4 and all(finger in self.gauges for finger in FINGERS)
+
+    def missing(self) -> str:
+        lost = [
+            'spread' if motor == SPREAD else f'finger {motor}'
+            for motor in MOTORS_ALL
+            if motor not in self.positions or (motor != SPREAD and motor not in self.gauges)
+        ]
+        return ', '.join(lost)
+
+
+def open_bus(interface: str, channel: str, port: int = 43113) -> can.BusABC:
+    """Open a bus by any interface that python-can knows, at 1 Mbit/s where it has a speed.
+
+    Raises:
+        HandError: it cannot be opened.
+    """
+    options: dict[str, object] = {'interface': interface, 'channel': channel}
+    if interface == 'udp_multicast':
+        # One group and port per hand; no hop: nothing leaves this machine.
+        options |= {'port': port, 'hop_limit': 0}
+    elif interface == 'slcan':
+        options |= {'bitrate': 1_000_000, 'sleep_after_open': 0.1}
+    elif interface not in ('socketcan', 'virtual'):
+        options['bitrate'] = 1_000_000
+    try:
+        return can.Bus(**options)  # type: ignore[arg-type]
+    except Exception as error:
+        # Every interface of python-can fails in its own way.
+        raise HandError(
+            f'CAN channel {channel!r} of interface {interface!r} cannot be opened ({error})'
+        ) from error
+
+
+class CanHand:
+    """A BH8-280 or BH8-282. One thread uses it; `abort` may come from another."""
+
+    def __init__(
+        self,
+        open_line: Callable[[], can.BusABC],
+        *,
+        clock_ns: Callable[[], int] = time.time_ns,
+        touch: str = 'none',
+        touch_every: int = 10,
+        prefetch: bool = True,
+        guard: Callable[[], Guard] | None = None,
+    ) -> None:
+        """A driver that is not connected yet.
+
+        `touch`: `none`, `top10` or `full`, asked for in every `touch_every`-th cycle.
+        """
+        self.late: Callable[[], None] = lambda: None
+        self._open_line = open_line
+        self._clock_ns = clock_ns
+        self._touch = touch
+        self._touch_every = touch_every
+        self._prefetch = prefetch
+        self._make_guard = guard
+        self._guard: Guard | None = None
+        self._bus: can.BusABC | None = None
+        self._firmware = 0
+        self._initialised = False
+        self._aborting = False
+        self._asked = False
+        self._cycle_count = 0
+        self._sent: dict[int, int] = {}
+        self._gauge_fitted: dict[int, bool] = dict.fromkeys(FINGERS, True)
+        self._full: dict[int, dict[int, tuple[float, ...]]] = {}
+        self._pressures: dict[int, tuple[float, ...]] = {}
+        self.strange_frames = 0
+
+    def _number(self, name: str) -> int:
+        return properties.number(name, self._firmware)
+
+    def _send(self, frame: Frame) -> None:
+        if self._bus is None:
+            raise HandError('the hand is not connected')
+        message = can.Message(
+            arbitration_id=frame.identifier, data=frame.data, is_extended_id=False
+        )
+        try:
+            self._bus.send(message, timeout=0.1)
+        except (can.CanError, OSError, ValueError) as error:
+            raise HandError(f'the CAN bus takes no frames: {error}') from error
+
+    def _receive(self, timeout_s: float) -> Frame | None:
+        """The next frame that does not come from a host (some buses echo what one sends)."""
+        assert self._bus is not None
+        deadline = time.monotonic() + timeout_s
+        while True:
+            left = deadline - time.monotonic()
+            try:
+                message = self._bus.recv(timeout=max(left, 0.0))
+            except (can.CanError, OSError, ValueError) as error:
+                raise HandError(f'the CAN bus is gone: {error}') from error
+            if message is None:
+                return None
+            if message.is_error_frame or message.is_extended_id or message.is_remote_frame:
+                continue
+            if message.arbitration_id >> 5 & 0x1F != HOST:
+                return Frame(message.arbitration_id, bytes(message.data))
+
+    def _drain(self) -> None:
+        self._asked = False
+        while self._receive(0.0) is not None:
+            continue
+
+    def _set(self, destination: int, name: str, value: int, *, group: bool = False) -> None:
+        number = self._number(name)
+        wide = properties.is_wide(number)
+        self._send(set_frame(destination, number, value, wide=wide, group=group))
+
+    def _get(self, motor: int, name: str, timeout_s: float = REPLY_S) -> int | None:
+        """One property of one motor; None when it does not answer."""
+        number = self._number(name)
+        self._send(get_frame(NODES[motor], number))
+        deadline = time.monotonic() + timeout_s
+        while (left := deadline - time.monotonic()) > 0:
+            frame = self._receive(left)
+            if frame is None:
+                break
+            with contextlib.suppress(FrameError):
+                address = decode_address(frame.identifier)
+                if address.sender != NODES[motor] or not address.group:
+                    continue
+                if address.destination == GROUP_PROPERTY:
+                    got, value = decode_property(frame.data)
+                    if got == number:
+                        return value
+        return None
+
+    def connect(self) -> HandFacts:
+        """Find the four pucks, wake them where needed, read what they are.
+
+        Raises:
+            HandError: no bus, pucks that do not answer, or no hand.
+        """
+        self.close()
+        self._bus = self._open_line()
+        try:
+            facts = self._introduce()
+        except (HandError, properties.PropertyError) as error:
+            self._shut()
+            raise HandError(f'no BarrettHand answers on the CAN bus: {error}') from error
+        if self._make_guard is not None:
+            self._guard = self._make_guard()
+        return facts
+
+    def _introduce(self) -> HandFacts:
+        self._firmware = 0
+        self._drain()
+        states = {motor: self._get(motor, 'STAT') for motor in MOTORS_ALL}
+        silent = [str(NODES[motor]) for motor, state in states.items() if state is None]
+        if silent:
+            raise HandError(f'node {", ".join(silent)} does not answer')
+        asleep = [motor for motor, state in states.items() if state == properties.STATUS_RESET]
+        for motor in asleep:
+            self._set(NODES[motor], 'STAT', properties.STATUS_READY)
+        if asleep:
+            # Traffic while transceivers come up can drive the host off the bus.
+            time.sleep(WAKE_SILENCE_S)
+            self._drain()
+        self._initialised = not asleep
+        versions = [self._get(motor, 'VERS') for motor in MOTORS_ALL]
+        roles = {motor: self._get(motor, 'ROLE') for motor in MOTORS_ALL}
+        if None in versions or None in roles.values():
+            raise HandError('a node woke up but does not say what it is')
+        self._firmware = min(version for version in versions if version is not None)
+        for motor, role in roles.items():
+            if (role or 0) & properties.ROLE_PRODUCT != properties.ROLE_HAND:
+                raise HandError(f'node {NODES[motor]} is not part of a hand (ROLE {role})')
+        self._gauge_fitted = {
+            finger: bool((roles[finger] or 0) & properties.ROLE_GAUGE) for finger in FINGERS
+        }
+        self._number('SG')
+        serial_number = self._get(1, 'SN')
+        if self._touch != 'none':
+            self._begin_touch(roles)
+        self._sent = {}
+        return HandFacts(
+            model='BH8-280',
+            firmware=str(self._firmware),
+            serial_number=str(serial_number or 0),
+            encoder=ENCODER_280,
+            highest_gauge_count=4095,
+            ceiling_hz=1.0 / CYCLE_WIRE_S,
+        )
+
+    def _begin_touch(self, roles: Mapping[int, int | None]) -> None:
+        mode = properties.TOUCH_FULL if self._touch == 'full' else properties.TOUCH_TOP_10
+        for motor in MOTORS_ALL:
+            if (roles[motor] or 0) & properties.ROLE_TOUCH:
+                self._set(NODES[motor], 'TACT', mode)
+
+    def initialize(self) -> None:
+        """Let fingers, then the spread, find their zero. Takes seconds.
+
+        Raises:
+            HandError: a motor does not finish in time, or `abort` was called.
+        """
+        self._drain()
+        self._sent = {}
+        self._aborting = False
+        for finger in FINGERS:
+            self._set(NODES[finger], 'CMD', properties.COMMAND_INITIALISE)
+        self._await_rest(FINGERS, FINGERS_TIMEOUT_S)
+        self._set(NODES[SPREAD], 'CMD', properties.COMMAND_INITIALISE)
+        self._await_rest((SPREAD,), SPREAD_TIMEOUT_S)
+        self._initialised = True
+
+    def _await_rest(self, motors: tuple[int, ...], timeout_s: float) -> None:
+        """Wait until motors are idle, or hold their position after arriving."""
+        deadline = time.monotonic() + timeout_s
+        waiting = set(motors)
+        while waiting:
+            if self._aborting:
+                self._set(GROUP_HAND, 'MODE', properties.MODE_IDLE, group=True)
+                raise HandError('initialisation was stopped')
+            if time.monotonic() > deadline:
+                names = ', '.join(str(NODES[motor]) for motor in sorted(waiting))
+                raise HandError(f'node {names} did not finish initialising in {timeout_s:g} s')
+            for motor in tuple(waiting):
+                mode = self._get(motor, 'MODE')
+                if mode in (properties.MODE_IDLE, properties.MODE_PID):
+                    waiting.discard(motor)
+            time.sleep(0.02)
+
+    def sample(self, velocities: Mapping[int, float] | None) -> HandSample:
+        """One cycle: gauges and positions of all motors by two group requests.
+
+        Raises:
+            HandNotInitialisedError: the hand wants to be initialised first.
+            HandError: the bus is gone or a puck no longer answers.
+        """
+        if not self._initialised:
+            raise HandNotInitialisedError(
+                'the hand is not initialised: call hand/initialize (its fingers will open)'
+            )
+        if not self._asked:
+            self._request(velocities)
+        self._asked = False
+        cycle = _Cycle()
+        stamp_ns = self._gather(cycle, LATE_S)
+        if not cycle.complete():
+            self.late()
+            late_stamp_ns = self._gather(cycle, PATIENCE_S)
+            stamp_ns = stamp_ns or late_stamp_ns
+        if not cycle.complete():
+            missing = cycle.missing()
+            self._drain()
+            states = {motor: self._get(motor, 'STAT') for motor in MOTORS_ALL}
+            self._initialised = all(s == properties.STATUS_READY for s in states.values())
+            raise HandError(f'no reply from {missing}: is it asleep or unplugged?')
+        if self._prefetch:
+            self._request(velocities)
+            self._asked = True
+        return self._sample(cycle, stamp_ns)
+
+    def _request(self, velocities: Mapping[int, float] | None) -> None:
+        self._cycle_count += 1
+        if velocities is not None:
+            self._command(velocities)
+        self._send(get_frame(GROUP_HAND, self._number('SG'), group=True))
+        self._send(get_frame(GROUP_HAND, self._number('P'), group=True))
+        if self._touch != 'none' and self._cycle_count % self._touch_every == 0:
+            self._send(get_frame(GROUP_HAND, self._number('TACT'), group=True))
+
+    def _command(self, velocities: Mapping[int, float]) -> None:
+        """Send velocities where they changed, and all of them now and then."""
+        if self._cycle_count % REFRESH_CYCLES == 0:
+            self._sent.clear()
+        scale = ENCODER_280
+        for motor in MOTORS_ALL:
+            per_count = (
+                scale.spread_rad_per_count if motor == SPREAD else scale.finger_rad_per_count
+            )
+            wanted = velocities.get(motor, 0.0) / per_count / 1000.0
+            speed = round(wanted)
+            if speed == 0 and wanted != 0.0:
+                speed = 1 if wanted > 0 else -1
+            if self._sent.get(motor) == speed:
+                continue
+            self._sent[motor] = speed
+            if speed == 0:
+                self._set(NODES[motor], 'MODE', properties.MODE_IDLE)
+            else:
+                self._set(NODES[motor], 'V', speed)
+                self._set(NODES[motor], 'MODE', properties.MODE_VELOCITY)
+
+    def _gather(self, cycle: _Cycle, timeout_s: float) -> int:
+        """Collect replies until the cycle is complete; returns the time of the first one."""
+        deadline = time.monotonic() + timeout_s
+        stamp_ns = 0
+        while not cycle.complete():
+            left = deadline - time.monotonic()
+            if left <= 0:
+                break
+            frame = self._receive(left)
+            if frame is None:
+                break
+            stamp_ns = stamp_ns or self._clock_ns()
+            try:
+                self._take(frame, cycle)
+            except FrameError:
+                self.strange_frames += 1
+        return stamp_ns
+
+    def _take(self, frame: Frame, cycle: _Cycle) -> None:
+        address = decode_address(frame.identifier)
+        motor = MOTORS.get(address.sender)
+        if motor is None or not address.group:
+            return
+        if address.destination == GROUP_PROPERTY:
+            number, value = decode_property(frame.data)
+            if number == self._number('SG') and motor != SPREAD:
+                if not 0 <= value <= 4095:
+                    raise FrameError(f'gauge reading {value} beyond 12 bits')
+                cycle.gauges[motor] = value
+        elif address.destination == GROUP_POSITION:
+            position, inner = decode_position(frame.data)
+            highest = HIGHEST_SPREAD_COUNTS if motor == SPREAD else HIGHEST_FINGER_COUNTS
+            if not -0.05 * highest <= position <= highest:
+                raise FrameError(f'position {position} beyond the travel of motor {motor}')
+            cycle.positions[motor] = (position, inner)
+        elif address.destination == GROUP_TOP_10:
+            self._pressures[motor] = decode_top_10(frame.data)
+        elif address.destination == GROUP_FULL:
+            part, values = decode_full_frame(frame.data)
+            parts = self._full.setdefault(motor, {})
+            if part == 0:
+                parts.clear()
+            parts[part] = values
+            if len(parts) == FULL_FRAMES:
+                cells = [value for number in range(FULL_FRAMES) for value in parts[number]]
+                self._pressures[motor] = tuple(cells[:CELLS])
+                parts.clear()
+
+    def _sample(self, cycle: _Cycle, stamp_ns: int) -> HandSample:
+        low, high = properties.SELF_PRESERVATION_COUNTS
+        gauges = [cycle.gauges[f] if self._gauge_fitted[f] else None for f in FINGERS]
+        inner = [cycle.positions[finger][1] for finger in FINGERS]
+        angles = [None if counts is None else counts * INNER_RAD_PER_COUNT for counts in inner]
+        relieving = [g is not None and not low <= g <= high for g in gauges]
+        return HandSample(
+            stamp_ns=stamp_ns,
+            finger_counts=(cycle.positions[1][0], cycle.positions[2][0], cycle.positions[3][0]),
+            spread_counts=cycle.positions[SPREAD][0],
+            gauge_counts=(gauges[0], gauges[1], gauges[2]),
+            inner_rad=(angles[0], angles[1], angles[2]),
+            relieving=(relieving[0], relieving[1], relieving[2]),
+            tactile_n_per_cm2=dict(self._pressures) if self._pressures else None,
+        )
+
+    def limit_force(self, counts: Mapping[int, int | None]) -> None:
+        """Set HSG per finger: above it the finger gives way by itself (0: no limit).
+
+        Raises:
+            HandError: the bus takes no frames.
+        """
+        for finger, limit in counts.items():
+            self._set(NODES[finger], 'HSG', 0 if limit is None else min(max(limit, 1), 4095))
+
+    def stop(self) -> None:
+        """All motors idle; the worm gears hold the position.
+
+        Raises:
+            HandError: the bus takes no frames.
+        """
+        self._sent = {}
+        self._set(GROUP_HAND, 'MODE', properties.MODE_IDLE, group=True)
+
+    @staticmethod
+    def stop_all(bus: can.BusABC) -> None:
+        """All motors of the hand idle, over a bus that nobody else uses; then let go of it."""
+        frame = set_frame(
+            GROUP_HAND, properties.number('MODE', 0), properties.MODE_IDLE, group=True
+        )
+        with bus:
+            bus.send(
+                can.Message(arbitration_id=frame.identifier, data=frame.data, is_extended_id=False)
+            )
+
+    def abort(self) -> None:
+        """End `initialize` of another thread."""
+        self._aborting = True
+
+    def close(self) -> None:
+        """Stop the motors and let go of the bus."""
+        if self._bus is not None:
+            with contextlib.suppress(HandError):
+                self.stop()
+        self._shut()
+
+    def _shut(self) -> None:
+        bus, self._bus = self._bus, None
+        guard, self._guard = self._guard, None
+        if guard is not None:
+            guard.dismiss()
+        self._sent, self._asked = {}, False
+        self._pressures, self._full = {}, {}
+        if bus is not None:
+            with contextlib.suppress(Exception):
+                bus.shutdown()

@@ -1,0 +1,67 @@
+"""A small process that stops the hand when the bridge dies without being able to do so itself.
+
+It waits on a pipe from the bridge. A word of farewell means that all is well; an end without it
+means that the bridge was killed, and the guard then stops the motors: Ctrl-C on the serial line
+(whose open port it inherits), all motors idle on the CAN bus (which it opens only then).
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+FAREWELL = b'done'
+STOP_SERIAL = b'\x03'
+
+
+class StopGuard:
+    """The guard of one connection."""
+
+    def __init__(self, arguments: list[str], inherited: tuple[int, ...] = ()) -> None:
+        """Start it; `inherited` file descriptors stay open in it."""
+        self._process = subprocess.Popen(
+            [sys.executable, '-m', 'barrett_hand_bridge.stop_guard', *arguments],
+            stdin=subprocess.PIPE,
+            pass_fds=inherited,
+            start_new_session=True,
+        )
+
+    def dismiss(self) -> None:
+        """The bridge has stopped the hand itself: the guard leaves without a word."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(FAREWELL)
+            self._process.stdin.close()
+            self._process.wait(5.0)
+        except (OSError, subprocess.TimeoutExpired):
+            self._process.kill()
+            self._process.wait()
+
+
+def guard_serial(descriptor: int) -> StopGuard:
+    """Guard a hand on an open serial port."""
+    return StopGuard(['serial', str(descriptor)], (descriptor,))
+
+
+def guard_can(interface: str, channel: str, port: int) -> StopGuard:
+    """Guard a hand on a CAN bus."""
+    return StopGuard(['can', interface, channel, str(port)])
+
+
+def main(arguments: list[str]) -> int:
+    """Wait for the end of the bridge; returns the exit code."""
+    if sys.stdin.buffer.read() == FAREWELL:
+        return 0
+    if arguments[0] == 'serial':
+        os.write(int(arguments[1]), STOP_SERIAL)
+        return 0
+    from barrett_hand_bridge.puck.driver import CanHand, open_bus
+
+    _, interface, channel, port = arguments
+    CanHand.stop_all(open_bus(interface, channel, int(port)))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main(sys.argv[1:]))

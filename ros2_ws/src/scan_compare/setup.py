@@ -21,7 +21,7 @@ setup(
     zip_safe=False,
     maintainer='Shell grasp maintainers',
     maintainer_email='maintainers@users.noreply.h-seed-306f35c0.example',
-    description='Deformed shell surface against 3-D scans: registration, distances, statistics and their noise floor',
+    description='Deformed shells against 3-D scans: registration, distances, statistics',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

@@ -1,1 +1,1 @@
-"""Deformed shell surface against 3-D scans: registration, distances, statistics and their noise floor."""
+"""Deformed shells against 3-D scans: registration, distances, statistics, noise floor."""

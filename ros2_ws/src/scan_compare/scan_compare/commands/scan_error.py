@@ -1,0 +1,174 @@
+"""`scan_error`: scan files against a deformed surface; statistics, JSON and pictures."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from scan_compare.comparison import Comparison, ComparisonError, Progress, compare
+from scan_compare.deformed_surface import DeformedSurface, SurfaceError
+from scan_compare.merge import MergeError, merge
+from scan_compare.model_file import surface_of_files, surface_of_object
+from scan_compare.registration import SCANNER_SIGMA, RegistrationError
+from scan_compare.report.files import dump_json, write_report
+from scan_compare.report.table import text_table
+from scan_compare.rigid import IDENTITY, Pose, rotation_from_quaternion
+from scan_compare.scan import Scan
+from scan_compare.scan_file import ScanFileError, read_scan
+from scan_compare.units import METRES_PER_UNIT, UnitError
+from shell_deform.objects import ObjectError
+from shell_deform.surface.control_mesh import MeshError
+
+FAILURES = (
+    ComparisonError,
+    MergeError,
+    MeshError,
+    ObjectError,
+    OSError,
+    RegistrationError,
+    ScanFileError,
+    SurfaceError,
+    UnitError,
+)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        with _progress(not options.quiet) as progress:
+            comparison = _run(options, progress)
+            if options.out is not None:
+                progress('report')
+                write_report(comparison, options.out)
+    except FAILURES as error:
+        print(f'scan_error: {error}', file=sys.stderr)
+        return 1
+    if options.json:
+        sys.stdout.write(dump_json(comparison))
+    else:
+        print(text_table(comparison))
+    return 0
+
+
+def _run(options: argparse.Namespace, progress: Progress) -> Comparison:
+    progress('object')
+    surface: DeformedSurface = surface_of_object(options.object)
+    if options.surface is not None:
+        surface = surface_of_files(options.surface, options.rest, surface, options.surface_unit)
+    progress('scan')
+    scan = _read(options.scan, options.unit, surface)
+    undeformed = None
+    if options.undeformed is not None:
+        undeformed = _read(options.undeformed, options.unit, surface.at_rest())
+    return compare(
+        scan,
+        surface,
+        undeformed,
+        scanner_sigma_m=options.scanner_sigma,
+        start=options.start,
+        outlier_m=options.outlier,
+        progress=progress,
+    )
+
+
+def _read(paths: list[Path], unit: str | None, surface: DeformedSurface) -> Scan:
+    views = [read_scan(path, unit, surface.extent) for path in paths]
+    return merge(views).scan if len(views) > 1 else views[0]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='scan_error',
+        description='Compare a 3-D scan with the outer face of a deformed shell: rigid '
+        'registration on the undeformed region, distances to the smooth surface, statistics '
+        'with their noise floor. Lengths in metres unless stated.',
+    )
+    parser.add_argument(
+        'scan', nargs='+', type=Path, help='scan file (STL, PLY, OBJ, XYZ, VRML 2); several are '
+        'views of one object and are merged',
+    )  # fmt: skip
+    parser.add_argument('--object', required=True, help='object name or object file (YAML)')
+    parser.add_argument(
+        '--surface', type=Path, help='mesh file with the deformed limit positions of the control '
+        'vertices on the middle surface; without it the object at rest',
+    )  # fmt: skip
+    parser.add_argument('--rest', type=Path, help='the same mesh at rest')
+    parser.add_argument(
+        '--surface-unit', default='m', choices=METRES_PER_UNIT, help='unit of --surface and --rest'
+    )
+    parser.add_argument(
+        '--undeformed', type=Path, nargs='+', metavar='SCAN', help='scan of the undeformed '
+        'object: depth of the dent is counted from it',
+    )  # fmt: skip
+    parser.add_argument(
+        '--unit', choices=METRES_PER_UNIT, help='unit of the scan files; inferred from the '
+        'size of the object when left out',
+    )  # fmt: skip
+    parser.add_argument(
+        '--scanner-sigma', type=_positive, default=SCANNER_SIGMA, metavar='M',
+        help='standard deviation of a scan point along the normal [m] (default %(default)s)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--start', type=_start, default=IDENTITY, metavar='POSE', help='pose of the scan in the '
+        'object frame to start from: "x y z qx qy qz qw" [m], or "search" for all rotations '
+        '(default: identity)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--outlier', type=_positive, metavar='M', help='points further from the surface are '
+        'no part of the object [m] (default: a quarter of its extent)',
+    )  # fmt: skip
+    parser.add_argument('--out', type=Path, metavar='DIR', help='write report files here')
+    parser.add_argument('--json', action='store_true', help='print one JSON document')
+    parser.add_argument('--quiet', action='store_true', help='no progress bar')
+    return parser
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not (np.isfinite(value) and value > 0.0):
+        raise argparse.ArgumentTypeError(f'{text!r} is not a positive length in metres')
+    return value
+
+
+def _start(text: str) -> Pose | None:
+    if text == 'search':
+        return None
+    try:
+        values = np.array([float(word) for word in text.replace(',', ' ').split()])
+    except ValueError:
+        values = np.empty(0)
+    if values.size != 7 or not np.all(np.isfinite(values)) or not np.any(values[3:]):
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is not "x y z qx qy qz qw" with a quaternion, nor "search"'
+        )
+    return Pose(rotation_from_quaternion(values[3:]), values[:3])
+
+
+@contextmanager
+def _progress(wanted: bool) -> Iterator[Progress]:
+    """Show the stages of the work on a terminal's stderr."""
+    if not (wanted and sys.stderr.isatty()):
+        yield lambda _: None
+        return
+    # imported here: the package starts without rich where it is not installed
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn('{task.description}'), TimeElapsedColumn())
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task('start')
+        yield lambda stage: bar.update(task, description=stage)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

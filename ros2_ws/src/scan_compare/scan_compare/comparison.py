@@ -1,0 +1,342 @@
+"""One scan against one deformed surface: registration, distances and every statistic."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from scan_compare.deformed_surface import DeformedSurface
+from scan_compare.dent import Contacts, DentProfile, contacts_of, profiles
+from scan_compare.distance import Coverage, Distances, coverage, measure
+from scan_compare.registration import SCANNER_SIGMA, Registration, register
+from scan_compare.rigid import IDENTITY, Pose
+from scan_compare.scan import Scan
+from scan_compare.statistics import (
+    LocalMeans,
+    Summary,
+    group_by_cell,
+    local_means,
+    mean_unsigned_noise,
+    summarise,
+)
+
+OUTLIER_SHARE = 0.25
+"""Scan points further from the surface than this share of its extent are no part of it."""
+
+CORRELATION_LENGTH = 5e-3
+"""Errors within this distance [m] are treated as one when the error of a mean is estimated."""
+
+Progress = Callable[[str], None]
+
+
+class ComparisonError(ValueError):
+    """A scan and a surface that cannot be compared; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Everything a comparison found; `to_json` gives it in the words of the contract.
+
+    points (n, 3): scan points in the object's frame [m]; used (n,): which of them count (neither
+    outliers nor beside an open surface); distances: of all of them; in_dent (n,). Scalars in
+    metres; None where the scan gives no answer.
+    """
+
+    source: str
+    points: np.ndarray
+    triangles: np.ndarray | None
+    used: np.ndarray
+    in_dent: np.ndarray
+    distances: Distances
+    surface: DeformedSurface
+    registration: Registration
+    undeformed_registration: Registration | None
+    undeformed_points: np.ndarray | None
+    vertex: Summary
+    area: Summary | None
+    dent: Summary | None
+    outside: Summary | None
+    local: LocalMeans
+    coverage: Coverage
+    model_to_scan: Summary | None
+    profiles: tuple[DentProfile, ...]
+    scanner_sigma_m: float
+    noise_floor_m: float
+    mean_error_sigma_m: float
+    mean_error_noise_free_m: float
+    max_error_m: float | None
+    outliers: int
+    beside: int
+    notes: tuple[str, ...]
+
+    @property
+    def measured_max_displacement_m(self) -> float | None:
+        """Largest measured depth at a contact [m]; None without a profile."""
+        return max((profile.apex_m for profile in self.profiles), default=None)
+
+    @property
+    def undeformed_residual_m(self) -> float | None:
+        """Mean unsigned distance of the undeformed region [m]: the floor this scan shows."""
+        return None if self.outside is None else self.outside.mean_m
+
+    @property
+    def beyond_noise(self) -> bool:
+        """Whether the mean error stands out of the scanner's noise.
+
+        It must exceed the floor by a tenth (what one may expect of the stated sigma) and by
+        three standard deviations.
+        """
+        excess = self.vertex.mean_m - self.noise_floor_m
+        return excess > max(0.1 * self.noise_floor_m, 3.0 * self.mean_error_sigma_m)
+
+    def to_json(self) -> dict[str, object]:
+        """Return the statistics as plain numbers, strings, lists and dictionaries."""
+        measured = self.measured_max_displacement_m
+        return {
+            'scan': self.source,
+            'mean_error_m': self.vertex.mean_m,
+            'rms_error_m': self.vertex.rms_m,
+            'median_error_m': self.vertex.median_m,
+            'p95_error_m': self.vertex.p95_m,
+            'max_error_m': self.max_error_m,
+            'raw_max_error_m': self.vertex.max_m,
+            'max_error_disc_radius_m': self.local.radius_m,
+            'signed_mean_error_m': self.vertex.signed_mean_m,
+            'mean_error_sigma_m': self.mean_error_sigma_m,
+            'mean_error_noise_free_m': self.mean_error_noise_free_m,
+            'dent_mean_error_m': None if self.dent is None else self.dent.mean_m,
+            'max_displacement_m': self.surface.max_displacement,
+            'measured_max_displacement_m': measured,
+            'mean_error_of_max_displacement': (
+                None if not measured else self.vertex.mean_m / measured
+            ),
+            'noise_floor_m': self.noise_floor_m,
+            'scanner_sigma_m': self.scanner_sigma_m,
+            'undeformed_residual_m': self.undeformed_residual_m,
+            'beyond_noise': self.beyond_noise,
+            'area_weighted': _summary_json(self.area),
+            'dent': _summary_json(self.dent),
+            'outside_dent': _summary_json(self.outside),
+            'model_to_scan': _summary_json(self.model_to_scan),
+            'coverage': {
+                'patch': self.coverage.patch,
+                'dent': self.coverage.dent,
+                'contact_5mm': self.coverage.contact,
+                'reach_m': self.coverage.reach_m,
+            },
+            'points': int(len(self.points)),
+            'points_used': int(np.count_nonzero(self.used)),
+            'points_outlying': self.outliers,
+            'points_beside': self.beside,
+            'registration': registration_json(self.registration),
+            'undeformed_registration': (
+                None
+                if self.undeformed_registration is None
+                else registration_json(self.undeformed_registration)
+            ),
+            'profiles': [_profile_json(profile) for profile in self.profiles],
+            'notes': list(self.notes),
+        }
+
+
+def compare(
+    scan: Scan,
+    surface: DeformedSurface,
+    undeformed_scan: Scan | None = None,
+    *,
+    scanner_sigma_m: float = SCANNER_SIGMA,
+    start: Pose | None = IDENTITY,
+    undeformed_start: Pose | None = None,
+    mask: np.ndarray | None = None,
+    contacts: Contacts | None = None,
+    registration: Registration | None = None,
+    outlier_m: float | None = None,
+    progress: Progress = lambda _: None,
+) -> Comparison:
+    """Compare a scan with the deformed outer face of a shell.
+
+    scanner_sigma_m: noise of one scan point along the surface normal [m]. start: pose of the scan
+    to start from, None searches all rotations; undeformed_start: the same for the undeformed
+    scan, by default the pose found for the deformed one (one scanner set-up). mask (n,): points
+    of the undeformed region, found automatically if None. contacts: on the outer face at rest,
+    found from the model if None. registration: use this pose instead of finding one. outlier_m:
+    distance beyond which a point is no part of the object (default a quarter of its extent).
+    Raises RegistrationError or ComparisonError.
+    """
+    if len(scan.points) == 0:
+        raise ComparisonError(f'{scan.source}: the scan has no points')
+    if not np.all(np.isfinite(scan.points)):
+        raise ComparisonError(f'{scan.source}: the scan has points that are not finite')
+    progress('registration')
+    found = registration or register(
+        scan.points, surface, start=start, mask=mask, scanner_sigma_m=scanner_sigma_m
+    )
+    points = found.pose.apply(scan.points)
+    progress('distances')
+    distances = measure(surface, points)
+    limit = OUTLIER_SHARE * surface.extent if outlier_m is None else outlier_m
+    outlying = np.abs(distances.distance) > limit
+    used = ~outlying & ~distances.beside
+    if not used.any():
+        raise ComparisonError(
+            f'{scan.source}: no scan point lies within {1e3 * limit:.3g} mm of the surface; '
+            'check unit, object and start pose'
+        )
+    in_dent = distances.displacement > surface.dent_threshold
+    progress('statistics')
+    contacts = contacts_of(surface) if contacts is None else contacts
+    undeformed, undeformed_points = _undeformed(
+        undeformed_scan, surface, undeformed_start or found.pose, scanner_sigma_m
+    )
+    seen = coverage(surface, distances, used, _deformed_contacts(surface, contacts))
+    means = local_means(points[used], distances.distance[used])
+    if means is None:
+        raise ComparisonError(f'{scan.source}: no points to average')
+    areas = _areas(scan, surface, distances, used)
+    quotable = np.abs(means.mean[means.quotable])
+    notes = list(scan.notes)
+    if not quotable.size:
+        notes.append('no disc holds 50 points: no local maximum is quoted, see the raw maximum')
+    value = distances.distance
+    return Comparison(
+        source=scan.source,
+        points=points,
+        triangles=scan.triangles,
+        used=used,
+        in_dent=in_dent,
+        distances=distances,
+        surface=surface,
+        registration=found,
+        undeformed_registration=undeformed,
+        undeformed_points=undeformed_points,
+        vertex=_required(summarise(value[used])),
+        area=summarise(value[used], areas),
+        dent=summarise(value[used & in_dent]),
+        outside=summarise(value[used & ~in_dent]),
+        local=means,
+        coverage=seen,
+        model_to_scan=summarise(seen.model_to_scan, seen.model_area),
+        profiles=tuple(profiles(points[used], surface, contacts, undeformed_points)),
+        scanner_sigma_m=scanner_sigma_m,
+        noise_floor_m=mean_unsigned_noise(scanner_sigma_m),
+        mean_error_sigma_m=_mean_error_sigma(distances, used, found),
+        mean_error_noise_free_m=_noise_free_mean(means, scanner_sigma_m),
+        max_error_m=float(quotable.max()) if quotable.size else None,
+        outliers=int(np.count_nonzero(outlying)),
+        beside=int(np.count_nonzero(distances.beside & ~outlying)),
+        notes=tuple(notes),
+    )
+
+
+def _undeformed(
+    scan: Scan | None, surface: DeformedSurface, start: Pose, sigma: float
+) -> tuple[Registration | None, np.ndarray | None]:
+    if scan is None:
+        return None, None
+    found = register(scan.points, surface.at_rest(), start=start, scanner_sigma_m=sigma)
+    return found, found.pose.apply(scan.points)
+
+
+def _deformed_contacts(surface: DeformedSurface, contacts: Contacts) -> np.ndarray:
+    """Return where contact points (c, 3) of the rest face lie on the deformed outer face [m]."""
+    if len(contacts.point) == 0:
+        return np.empty((0, 3))
+    rest = surface.at_rest()
+    foot = rest.limit.closest_point(rest.deformed, contacts.point, rest.offset)
+    return surface.evaluate(foot.triangle, foot.parameters).position
+
+
+def _areas(
+    scan: Scan, surface: DeformedSurface, distances: Distances, used: np.ndarray
+) -> np.ndarray:
+    """Return the area (k,) [m^2] each used point stands for.
+
+    A mesh brings its own; in a cloud the model's area of a control triangle is shared among the
+    points whose feet lie on it.
+    """
+    own = scan.vertex_areas()
+    if own is not None and own[used].sum() > 0.0:
+        return own[used]
+    samples = surface.samples
+    n = surface.mesh.triangle_count
+    triangle_area = np.bincount(samples.triangle, samples.area, minlength=n)
+    triangle = distances.triangle[used]
+    return triangle_area[triangle] / np.bincount(triangle, minlength=n)[triangle]
+
+
+def _mean_error_sigma(distances: Distances, used: np.ndarray, found: Registration) -> float:
+    """Return the standard deviation [m] of the mean unsigned distance.
+
+    Two parts: the registration's covariance carried through the mean, and the scatter of means
+    over patches of CORRELATION_LENGTH.
+    """
+    sign = np.sign(distances.distance[used])
+    arms = distances.foot[used] - found.centre
+    normal = distances.normal[used]
+    gradient = np.concatenate((sign @ np.cross(arms, normal), sign @ normal)) / np.count_nonzero(
+        used
+    )
+    from_pose = float(gradient @ found.covariance @ gradient)
+    unsigned = np.abs(distances.distance[used])
+    patch, count = group_by_cell(distances.foot[used], CORRELATION_LENGTH)
+    excess = np.bincount(patch, unsigned - unsigned.mean(), minlength=count)
+    from_scatter = float(np.sum(excess**2)) / unsigned.size**2
+    return float(np.sqrt(max(0.0, from_pose) + from_scatter))
+
+
+def _noise_free_mean(means: LocalMeans, sigma: float) -> float:
+    """Return the mean unsigned distance [m] without the part that scanner noise adds to it.
+
+    Mean |local mean| over discs, weighted by the points of their centre cells; the noise left in
+    a disc of k points, sigma / sqrt(k), is taken out of the squares.
+    """
+    weight = np.bincount(means.cell, minlength=len(means.mean))
+    squared = np.maximum(0.0, means.mean**2 - sigma**2 / means.count)
+    return float(weight @ np.sqrt(squared) / weight.sum())
+
+
+def _required(summary: Summary | None) -> Summary:
+    if summary is None:
+        raise ComparisonError('no scan point to average')
+    return summary
+
+
+def registration_json(found: Registration) -> dict[str, object]:
+    """Return a registration as plain numbers and lists; angles in radians, lengths in metres."""
+    deviation = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    return {
+        'rotation': found.rotation.tolist(),
+        'translation_m': found.translation.tolist(),
+        'rms_m': found.rms_m,
+        'trimmed_fraction': found.trimmed_fraction,
+        'condition_number': found.condition_number,
+        'unobservable': found.unobservable.tolist(),
+        'rotation_sigma_rad': deviation[:3].tolist(),
+        'translation_sigma_m': deviation[3:].tolist(),
+        'centre_m': found.centre.tolist(),
+        'steps': found.steps,
+        'converged': found.converged,
+        'ambiguous_poses': found.ambiguous_poses,
+        'text': found.text,
+    }
+
+
+def _summary_json(summary: Summary | None) -> dict[str, object] | None:
+    return None if summary is None else asdict(summary)
+
+
+def _profile_json(profile: DentProfile) -> dict[str, object]:
+    return {
+        'contact_m': profile.contact.tolist(),
+        'max_displacement_m': profile.apex_m,
+        'max_displacement_sigma_m': profile.apex_sigma_m,
+        'extrapolated': profile.extrapolated,
+        'hidden_radius_m': profile.hidden_radius_m,
+        'deepest_seen_m': profile.deepest_seen_m,
+        'reference': profile.reference,
+        'radius_m': profile.radius.tolist(),
+        'depth_m': profile.depth.tolist(),
+        'model_depth_m': [None if np.isnan(v) else float(v) for v in profile.model],
+    }

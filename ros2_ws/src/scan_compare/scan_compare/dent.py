@@ -1,0 +1,218 @@
+"""The dent itself: where it is, its measured profile, and its depth under the hidden pin.
+
+The largest displacement sits where the pin touches, and the pin hides it from the scanner. It is
+therefore extrapolated from the ring that is seen around the pin, and labelled so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from scan_compare.deformed_surface import DeformedSurface
+
+PROFILE_RADIUS = 12e-3
+"""The profile reaches this far [m] from the contact's axis."""
+
+FIT_RADIUS = 6e-3
+"""The apex is extrapolated from points within this distance [m] of the axis."""
+
+RING_WIDTH = 0.5e-3
+"""Width [m] of the rings over which the profile is averaged."""
+
+SEEN_RADIUS = 1e-3
+SEEN_POINTS = 20
+"""With this many scan points within SEEN_RADIUS of the axis the apex counts as seen."""
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Contact points (c, 3) on the outer face at rest and inward unit normals (c, 3)."""
+
+    point: np.ndarray
+    inward: np.ndarray
+
+
+@dataclass(frozen=True)
+class DentProfile:
+    """Measured depth around one contact.
+
+    radius (k,), depth (k,), count (k,): ring means along the contact's inward normal [m]; model
+    (k,): the model's depth in the same rings, NaN where it has none. apex_m, apex_sigma_m: the
+    depth at the axis and its standard deviation; extrapolated: True if the pin hid the axis up to
+    hidden_radius_m; deepest_seen_m: the deepest ring mean that was seen. reference: what depth
+    is counted from.
+    """
+
+    contact: np.ndarray
+    radius: np.ndarray
+    depth: np.ndarray
+    count: np.ndarray
+    model: np.ndarray
+    apex_m: float
+    apex_sigma_m: float
+    extrapolated: bool
+    hidden_radius_m: float
+    deepest_seen_m: float
+    reference: str
+
+
+def contacts_of(surface: DeformedSurface) -> Contacts:
+    """Find the contacts of a model: the deepest point of each separate dent, on the rest face."""
+    rest = surface.at_rest()
+    samples = surface.samples
+    deep = np.flatnonzero(samples.displacement > 0.5 * surface.max_displacement)
+    if not np.isfinite(surface.dent_threshold):
+        deep = deep[:0]
+    if deep.size == 0:
+        return Contacts(np.empty((0, 3)), np.empty((0, 3)))
+    at_rest = rest.evaluate(samples.triangle[deep], samples.parameters[deep])
+    link = 3.0 * float(np.sqrt(samples.area[deep].max()))
+    graph = cKDTree(at_rest.position).sparse_distance_matrix(cKDTree(at_rest.position), link)
+    count, label = connected_components(graph, directed=False)
+    points, inward = [], []
+    for dent in range(count):
+        members = np.flatnonzero(label == dent)
+        height = samples.displacement[deep[members]]
+        if height.max() < 0.7 * surface.max_displacement:
+            continue
+        # the centre of the deepest part: a single sample would sit beside it
+        weight = np.maximum(0.0, height - 0.9 * height.max())
+        centre = weight @ at_rest.position[members] / weight.sum()
+        normal = weight @ at_rest.normal[members]
+        foot = rest.limit.closest_point(rest.deformed, centre[None], rest.offset)
+        points.append(foot.position[0])
+        inward.append(-normal / np.linalg.norm(normal))
+    order = np.lexsort(np.round(np.array(points), 5).T)
+    return Contacts(np.array(points)[order], np.array(inward)[order])
+
+
+def profiles(
+    scan_points: np.ndarray,
+    surface: DeformedSurface,
+    contacts: Contacts,
+    undeformed_points: np.ndarray | None,
+) -> list[DentProfile]:
+    """Measure the dent around each contact; contacts without enough points are left out.
+
+    scan_points (n, 3), undeformed_points (m, 3) or None: registered, in the object's frame [m].
+    Depth is counted from the undeformed scan, or from the model at rest without one.
+    """
+    rest_points = surface.at_rest().samples.position
+    reference = 'undeformed scan' if undeformed_points is not None else 'model at rest'
+    results = []
+    for point, inward in zip(contacts.point, contacts.inward, strict=True):
+        local = _Axis(point, inward)
+        height = _reference_height(
+            local, rest_points if undeformed_points is None else undeformed_points
+        )
+        if height is None:
+            continue
+        profile = _profile(local, height, scan_points, surface.samples.position, reference)
+        if profile is not None:
+            results.append(profile)
+    return results
+
+
+class _Axis:
+    """Cylindrical coordinates about a contact's axis; depth counts inward."""
+
+    def __init__(self, point: np.ndarray, inward: np.ndarray) -> None:
+        self.point = point
+        self.inward = inward / np.linalg.norm(inward)
+        helper = np.eye(3)[int(np.argmin(np.abs(self.inward)))]
+        first = np.cross(self.inward, helper)
+        first /= np.linalg.norm(first)
+        self.across = np.stack((first, np.cross(self.inward, first)))
+
+    def near(self, points: np.ndarray, radius: float, reach: float) -> tuple[np.ndarray, ...]:
+        """Return across (k, 2) and depth (k,) of the points near this end of the axis."""
+        arms = points - self.point
+        depth = arms @ self.inward
+        across = arms @ self.across.T
+        chosen = (np.sum(across**2, axis=1) < radius**2) & (np.abs(depth) < reach)
+        return across[chosen], depth[chosen]
+
+
+def _reference_height(axis: _Axis, points: np.ndarray) -> np.ndarray | None:
+    """Fit the undeformed face around the contact by a quartic in two variables."""
+    across, depth = axis.near(points, PROFILE_RADIUS, PROFILE_RADIUS)
+    if len(depth) < 60:
+        return None
+    return np.linalg.lstsq(_monomials(across), depth, rcond=None)[0]
+
+
+def _monomials(across: np.ndarray) -> np.ndarray:
+    x, y = (across / PROFILE_RADIUS).T
+    return np.column_stack([x**i * y**j for i in range(5) for j in range(5 - i)])
+
+
+def _profile(
+    axis: _Axis,
+    height: np.ndarray,
+    points: np.ndarray,
+    model_points: np.ndarray,
+    reference: str,
+) -> DentProfile | None:
+    across, depth = axis.near(points, PROFILE_RADIUS, 2.0 * PROFILE_RADIUS)
+    depth = depth - _monomials(across) @ height
+    radius = np.hypot(*across.T)
+    near = radius < FIT_RADIUS
+    if np.count_nonzero(near) < 30:
+        return None
+    apex, sigma = _extrapolate(radius[near], depth[near])
+    rings, counts, means = _rings(radius, depth)
+    model_across, model_depth = axis.near(model_points, PROFILE_RADIUS, 2.0 * PROFILE_RADIUS)
+    model_depth = model_depth - _monomials(model_across) @ height
+    model_rings = _rings(np.hypot(*model_across.T), model_depth)[2]
+    full = counts >= 3
+    seen = np.count_nonzero(radius < SEEN_RADIUS) >= SEEN_POINTS
+    return DentProfile(
+        contact=axis.point,
+        radius=rings[full],
+        depth=means[full],
+        count=counts[full],
+        model=model_rings[full],
+        apex_m=apex,
+        apex_sigma_m=sigma,
+        extrapolated=not seen,
+        hidden_radius_m=0.0 if seen else float(np.quantile(radius, min(1.0, 20 / len(radius)))),
+        deepest_seen_m=float(means[full].max()) if full.any() else apex,
+        reference=reference,
+    )
+
+
+def _rings(radius: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return ring centres, counts and mean depths (NaN for empty rings)."""
+    n = round(PROFILE_RADIUS / RING_WIDTH)
+    ring = np.minimum((radius / RING_WIDTH).astype(int), n - 1)
+    count = np.bincount(ring, minlength=n)
+    total = np.bincount(ring, depth, minlength=n)
+    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return (np.arange(n) + 0.5) * RING_WIDTH, count, mean
+
+
+def _extrapolate(radius: np.ndarray, depth: np.ndarray) -> tuple[float, float]:
+    """Return depth at the axis and its standard deviation.
+
+    Near a concentrated load a bent shell follows w0 + a r^2 + b r^2 ln r (the plate solution;
+    Timoshenko and Woinowsky-Krieger, Theory of Plates and Shells, section 19); one pass of
+    trimming removes points of the pin that were scanned with the shell.
+    """
+    scaled = radius / FIT_RADIUS
+    squared = scaled**2
+    terms = np.column_stack(
+        (np.ones_like(scaled), squared, squared * np.log(np.maximum(scaled, 1e-6)))
+    )
+    keep = np.ones(len(depth), bool)
+    for _ in range(3):
+        solution = np.linalg.lstsq(terms[keep], depth[keep], rcond=None)[0]
+        residual = depth - terms @ solution
+        spread = 1.4826 * float(np.median(np.abs(residual[keep])))
+        keep = np.abs(residual) <= 4.0 * max(spread, 1e-9)
+    normal = terms[keep].T @ terms[keep]
+    variance = float(np.mean(residual[keep] ** 2))
+    return float(solution[0]), float(np.sqrt(variance * np.linalg.pinv(normal)[0, 0]))

@@ -1,0 +1,66 @@
+"""STL, binary and ASCII. Every corner is stored anew: vertices are welded by the caller."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from scan_compare.formats.raw import RawMesh, ScanFileError, chunks_of_lines, parse_numbers
+
+HEADER_BYTES = 80
+FACE = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attribute', '<u2')])
+
+_NOT_A_VERTEX_LINE = re.compile(rb'^(?![ \t\f\v]*vertex\s)[^\n]*$', re.IGNORECASE | re.MULTILINE)
+_VERTEX = re.compile(rb'^[ \t\f\v]*vertex', re.IGNORECASE | re.MULTILINE)
+_FACET = re.compile(rb'^\s*facet\b', re.IGNORECASE | re.MULTILINE)
+
+
+def read_stl(data: bytes) -> RawMesh:
+    """Read STL; a file whose size fits its binary face count is binary, whatever it begins with.
+
+    Raises ScanFileError if faces are missing, cut or unreadable.
+    """
+    if len(data) >= HEADER_BYTES + 4:
+        declared = int.from_bytes(data[HEADER_BYTES : HEADER_BYTES + 4], 'little')
+        if len(data) == HEADER_BYTES + 4 + declared * FACE.itemsize:
+            return _read_binary(data, declared)
+    if data[:512].lstrip()[:5].lower() == b'solid' and _FACET.search(data[:8192]):
+        return _read_ascii(data)
+    if len(data) < HEADER_BYTES + 4:
+        raise ScanFileError(
+            f'{len(data)} bytes are neither ASCII STL nor a binary header of 84 bytes'
+        )
+    return _read_binary(data, declared)
+
+
+def _read_binary(data: bytes, declared: int) -> RawMesh:
+    present = (len(data) - HEADER_BYTES - 4) // FACE.itemsize
+    if present < declared:
+        raise ScanFileError(
+            f'binary STL declares {declared} faces but holds {present}; export or copy it again'
+        )
+    faces = np.frombuffer(data, FACE, declared, HEADER_BYTES + 4)
+    points = faces['corners'].reshape(-1, 3).astype(float)
+    notes: tuple[str, ...] = ()
+    surplus = len(data) - HEADER_BYTES - 4 - declared * FACE.itemsize
+    if surplus:
+        notes = (f'{surplus} bytes after the last face ignored',)
+    return RawMesh(points, np.arange(len(points), dtype=np.int32).reshape(-1, 3), notes)
+
+
+def _read_ascii(data: bytes) -> RawMesh:
+    pieces = []
+    facets = 0
+    for chunk in chunks_of_lines(data):
+        facets += len(_FACET.findall(chunk))
+        vertices = _VERTEX.sub(b'', _NOT_A_VERTEX_LINE.sub(b'', chunk))
+        pieces.append(parse_numbers(vertices, 'ASCII STL vertex'))
+    numbers = np.concatenate(pieces)
+    if numbers.size != 9 * facets:
+        raise ScanFileError(
+            f'ASCII STL opens {facets} facets, which need {9 * facets} vertex coordinates, '
+            f'but holds {numbers.size}; the file is cut or malformed'
+        )
+    points = numbers.reshape(-1, 3)
+    return RawMesh(points, np.arange(len(points), dtype=np.int32).reshape(-1, 3))

@@ -1,0 +1,156 @@
+"""Merging several views (a scan family) into one scan, each refined against the others.
+
+A scanner much larger than the object sees it in several views; each is placed by hand-picked
+points and carries its own small rigid error. Averaging views as they come smooths the dent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from scan_compare.rigid import IDENTITY, Pose, rotation_from_vector
+from scan_compare.scan import Scan
+
+NEIGHBOURS = 12
+"""Points of another view whose plane stands for its surface at a point."""
+
+POINTS_PER_VIEW = 5_000
+ROUNDS = 20
+SMALLEST_OVERLAP = 50
+SETTLED = 1e-7
+"""Refinement ends when no point of a view moves by more than this [m]."""
+
+
+class MergeError(ValueError):
+    """Views that cannot be merged; the message names the view."""
+
+
+@dataclass(frozen=True)
+class Merge:
+    """The merged scan; `poses` applied to each view; `residual_m`: rms distance between
+    overlapping views after refinement [m]; `overlap`: shared fraction of each view's points.
+    """
+
+    scan: Scan
+    poses: tuple[Pose, ...]
+    residual_m: float
+    overlap: tuple[float, ...]
+
+
+def merge(views: list[Scan], reach_m: float = 2e-3) -> Merge:
+    """Merge views that already lie near each other (a scan family) [m].
+
+    Every view in turn moves rigidly onto the local planes of all others within `reach_m`, the
+    first stays. Views keep their points: nothing is averaged. Raises MergeError for no views or
+    a view that overlaps no other.
+    """
+    if not views:
+        raise MergeError('no views to merge')
+    poses = [IDENTITY] * len(views)
+    thinned = [view.points[_thin(len(view.points))] for view in views]
+    overlap = [1.0] * len(views)
+    residual = 0.0
+    if len(views) > 1:
+        for _ in range(ROUNDS):
+            moved = 0.0
+            squares, count = 0.0, 0
+            for index in range(len(views)):
+                fit = _pull(index, thinned, poses, reach_m)
+                overlap[index] = fit.overlap
+                if fit.count < SMALLEST_OVERLAP:
+                    raise MergeError(
+                        f'{views[index].source}: only {fit.count} points of this view lie within '
+                        f'{1e3 * reach_m:.3g} mm of another; align the views first'
+                    )
+                squares += fit.squares
+                count += fit.count
+                if index > 0:
+                    poses[index] = fit.step.after(poses[index])
+                    moved = max(moved, fit.largest_move)
+            residual = float(np.sqrt(squares / count))
+            if moved < SETTLED:
+                break
+    return Merge(_joined(views, poses), tuple(poses), residual, tuple(overlap))
+
+
+def _thin(count: int) -> np.ndarray:
+    return np.random.default_rng(0).permutation(count)[:POINTS_PER_VIEW]
+
+
+@dataclass(frozen=True)
+class _Pull:
+    step: Pose
+    count: int
+    squares: float
+    overlap: float
+    largest_move: float
+
+
+def _pull(index: int, thinned: list[np.ndarray], poses: list[Pose], reach: float) -> _Pull:
+    """One point-to-plane step of view `index` towards all other views."""
+    points = poses[index].apply(thinned[index])
+    others = np.concatenate(
+        [poses[k].apply(thinned[k]) for k in range(len(thinned)) if k != index]
+    )
+    neighbours = min(NEIGHBOURS, len(others))
+    gap, nearest = cKDTree(others).query(points, neighbours, distance_upper_bound=reach)
+    near = np.all(np.isfinite(gap.reshape(len(points), -1)), axis=1)
+    if np.count_nonzero(near) < 6:
+        return _Pull(IDENTITY, int(near.sum()), 0.0, 0.0, 0.0)
+    patch = others[nearest.reshape(len(points), -1)[near]]
+    centre = patch.mean(axis=1)
+    arms = patch - centre[:, None, :]
+    spread = np.einsum('nki,nkj->nij', arms, arms)
+    _, vectors = np.linalg.eigh(spread)
+    normal = vectors[:, :, 0]
+    own = points[near]
+    distance = np.einsum('ni,ni->n', own - centre, normal)
+    weight = np.maximum(0.0, 1.0 - (distance / _cut(distance)) ** 2) ** 2
+    middle = own.mean(axis=0)
+    rows = np.hstack((np.cross(own - middle, normal), normal))
+    matrix = (rows * weight[:, None]).T @ rows
+    # directions that the overlap does not fix stay where they are
+    motion = np.linalg.lstsq(matrix, -rows.T @ (weight * distance), rcond=1e-6)[0]
+    rotation = rotation_from_vector(motion[:3])
+    step = Pose(rotation, middle - rotation @ middle + motion[3:])
+    return _Pull(
+        step,
+        int(near.sum()),
+        float(weight @ distance**2 / max(weight.mean(), 1e-12)),
+        float(near.mean()),
+        float(np.max(np.linalg.norm(step.apply(own) - own, axis=1))),
+    )
+
+
+def _cut(distance: np.ndarray) -> float:
+    """Return the distance at which Tukey's weight ends."""
+    return max(4.685 * 1.4826 * float(np.median(np.abs(distance))), 1e-9)
+
+
+def _joined(views: list[Scan], poses: list[Pose]) -> Scan:
+    moved = [
+        view.moved(pose.rotation, pose.translation)
+        for view, pose in zip(views, poses, strict=True)
+    ]
+    triangles = None
+    if all(view.triangles is not None for view in views):
+        starts = np.cumsum([0] + [len(view.points) for view in views[:-1]])
+        triangles = np.concatenate(
+            [
+                view.triangles + start
+                for view, start in zip(views, starts, strict=True)
+                if view.triangles is not None
+            ]
+        ).astype(np.int32)
+    notes = tuple(f'{view.source}: {note}' for view in views for note in view.notes)
+    return Scan(
+        np.concatenate([view.points for view in moved]),
+        triangles,
+        views[0].unit,
+        any(view.unit_inferred for view in views),
+        ' + '.join(view.source for view in views),
+        (*notes, f'{len(views)} views merged') if len(views) > 1 else views[0].notes,
+    )

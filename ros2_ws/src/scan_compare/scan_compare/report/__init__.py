@@ -1,0 +1,1 @@
+"""Pictures, tables and one offline page for each comparison."""

@@ -1,0 +1,231 @@
+"""Planted errors come back, noise alone gives no verdict, and the same scan the same bytes."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scan_compare.comparison import Comparison, ComparisonError, compare
+from scan_compare.deformed_surface import DeformedSurface
+from scan_compare.ranking import rank
+from scan_compare.report.files import dump_json
+from scan_compare.rigid import Pose, rotation_from_vector
+from scan_compare.scan import Scan
+from scan_compare.statistics import local_means, mean_unsigned_noise, summarise
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from shells import (  # noqa: E402
+    BALL_RADIUS,
+    SCANNER_SIGMA,
+    Displacement,
+    ball,
+    occlude,
+    scan_points,
+    two_dents,
+)
+
+SCANNER = Pose(rotation_from_vector(np.array([0.05, -0.06, 0.0])), np.array([3e-3, -2e-3, 3e-3]))
+SIDE = np.array([1.0, 0.3, 0.2])
+GRASP = two_dents(0.006, bulge=0.0003)
+KEYS = {
+    'mean_error_m', 'rms_error_m', 'p95_error_m', 'max_error_m', 'dent_mean_error_m',
+    'max_displacement_m', 'noise_floor_m', 'registration',
+}  # fmt: skip
+
+
+def cloud(points: np.ndarray, source: str = 'planted') -> Scan:
+    return Scan(SCANNER.inverse().apply(points), None, 'm', False, source)
+
+
+def noisy(surface: DeformedSurface, seed: int = 1, sigma: float = SCANNER_SIGMA) -> np.ndarray:
+    return occlude(scan_points(surface, 160_000, sigma, seed), 0.4, SIDE)
+
+
+def plus(field: Displacement, extra: Displacement) -> Displacement:
+    return lambda points: field(points) + extra(points)
+
+
+def bump(height: float, width: float = 0.006) -> Displacement:
+    place = BALL_RADIUS * np.array([-0.8, 0.0, 0.6])
+
+    def displacement(points: np.ndarray) -> np.ndarray:
+        near = np.exp(-np.sum((points - place) ** 2, axis=1) / width**2)
+        return height * near[:, None] * points / BALL_RADIUS
+
+    return displacement
+
+
+def inflated(amount: float) -> Displacement:
+    return lambda points: amount * points / BALL_RADIUS
+
+
+@pytest.fixture(scope='module')
+def truth() -> DeformedSurface:
+    return ball(GRASP)
+
+
+@pytest.fixture(scope='module')
+def scan(truth: DeformedSurface) -> Scan:
+    return cloud(noisy(truth))
+
+
+@pytest.fixture(scope='module')
+def null(scan: Scan, truth: DeformedSurface) -> Comparison:
+    return compare(scan, truth)
+
+
+def without_noise(model: DeformedSurface, truth: DeformedSurface) -> Comparison:
+    """The errors as they are: a perfect scan in the true pose."""
+    perfect = Scan(noisy(truth, sigma=0.0), None, 'm', False, 'perfect')
+    identity = compare(perfect, truth).registration
+    return compare(perfect, model, registration=identity)
+
+
+def test_the_null_test_shows_the_noise_floor_and_no_verdict(null: Comparison) -> None:
+    assert null.noise_floor_m == pytest.approx(0.1013e-3, rel=1e-3)
+    assert null.vertex.mean_m == pytest.approx(null.noise_floor_m, rel=0.1)
+    assert null.dent.mean_m == pytest.approx(null.noise_floor_m, rel=0.1)
+    assert null.mean_error_noise_free_m < 0.02e-3
+    assert null.max_error_m < 0.1e-3
+    assert not null.beyond_noise
+
+
+@pytest.mark.parametrize(
+    'field',
+    [
+        plus(GRASP, bump(0.8e-3)),
+        plus(GRASP, bump(-1.5e-3, 0.009)),
+        two_dents(0.0068, bulge=0.0003),
+        two_dents(0.005, bulge=0.0003),
+        plus(GRASP, inflated(0.3e-3)),
+    ],
+    ids=['bump', 'wide hollow', 'deeper dent', 'shallower dent', 'offset'],
+)
+def test_planted_errors_are_recovered_within_a_twentieth_of_a_millimetre(
+    field: Displacement, scan: Scan, truth: DeformedSurface
+) -> None:
+    model = ball(field)
+    found, planted = compare(scan, model), without_noise(model, truth)
+    assert found.mean_error_noise_free_m == pytest.approx(planted.vertex.mean_m, abs=0.05e-3)
+    assert found.max_error_m == pytest.approx(planted.max_error_m, abs=0.05e-3)
+    signed = found.dent.signed_mean_m - planted.dent.signed_mean_m
+    assert abs(signed) < 0.05e-3
+    noise = SCANNER_SIGMA * np.random.default_rng(0).standard_normal(planted.used.sum())
+    with_noise = np.abs(planted.distances.distance[planted.used] + noise).mean()
+    assert found.vertex.mean_m == pytest.approx(with_noise, abs=0.05e-3)
+
+
+def test_a_uniform_offset_is_beyond_the_noise(scan: Scan) -> None:
+    found = compare(scan, ball(plus(GRASP, inflated(0.3e-3))))
+    assert found.vertex.signed_mean_m == pytest.approx(-0.3e-3, abs=0.02e-3)
+    assert found.beyond_noise
+
+
+def test_equal_models_get_no_verdict(null: Comparison, scan: Scan) -> None:
+    verdict = rank(null, compare(scan, ball(two_dents(0.00605, bulge=0.0003))))
+    assert verdict.better is None
+    assert 'no verdict' in verdict.text
+
+
+def test_a_model_that_is_better_beyond_the_floor_wins(null: Comparison, scan: Scan) -> None:
+    worse = compare(scan, ball(two_dents(0.003, 0.013, bulge=0.0003)))
+    verdict = rank(worse, null, ('linear', 'koiter'))
+    assert verdict.better == 'B'
+    assert verdict.p_value < 0.01
+    assert verdict.text.startswith('koiter is better than linear')
+
+
+def test_models_of_different_scans_are_not_ranked(
+    null: Comparison, truth: DeformedSurface
+) -> None:
+    other = compare(cloud(scan_points(truth, 5_000)), truth)
+    with pytest.raises(ValueError, match='same scan'):
+        rank(null, other)
+
+
+def test_the_json_carries_the_keys_of_the_contract(null: Comparison) -> None:
+    result = null.to_json()
+    assert set(result) >= KEYS
+    assert result['max_displacement_m'] == pytest.approx(0.006, rel=1e-3)
+    assert result['registration']['text'].startswith('rigid, no scale')
+
+
+def test_the_same_scan_gives_the_same_bytes(
+    null: Comparison, scan: Scan, truth: DeformedSurface
+) -> None:
+    assert dump_json(compare(scan, truth)) == dump_json(null)
+
+
+def test_coverage_sees_the_occluded_part(null: Comparison) -> None:
+    assert null.coverage.patch == pytest.approx(0.6, abs=0.02)
+    assert 0.5 < null.coverage.dent < 0.95
+
+
+def test_the_measured_displacement_is_that_of_the_truth(scan: Scan) -> None:
+    undeformed = cloud(scan_points(ball(), 100_000, seed=3), 'undeformed')
+    model = ball(two_dents(0.0068, bulge=0.0003))
+    found = compare(scan, model, undeformed)
+    assert len(found.profiles) == 2
+    assert all(profile.reference == 'undeformed scan' for profile in found.profiles)
+    assert found.measured_max_displacement_m == pytest.approx(0.006, abs=0.1e-3)
+
+
+def test_the_depth_under_a_hidden_pin_is_extrapolated_and_said_so(truth: DeformedSurface) -> None:
+    points = noisy(truth)
+    points = points[np.hypot(points[:, 0], points[:, 1]) > 2e-3]
+    found = compare(cloud(points), truth)
+    profile = found.profiles[0]
+    assert profile.extrapolated
+    assert profile.hidden_radius_m == pytest.approx(2e-3, abs=0.5e-3)
+    assert profile.deepest_seen_m < profile.apex_m
+    assert profile.apex_m == pytest.approx(0.006, abs=0.2e-3)
+
+
+def test_a_mesh_brings_its_own_areas(truth: DeformedSurface) -> None:
+    points = truth.limit.limit_positions(truth.deformed)
+    normals = truth.limit.vertex_normals(truth.deformed)
+    outer = points + truth.offset * normals
+    mesh = Scan(outer, np.asarray(truth.mesh.triangles), 'm', False, 'mesh')
+    found = compare(mesh, truth)
+    assert found.area.count == len(points)
+    assert found.vertex.max_m < 1e-8
+
+
+def test_points_far_from_the_object_are_outliers(truth: DeformedSurface) -> None:
+    points = np.concatenate((scan_points(truth, 20_000), np.full((100, 3), 0.2)))
+    found = compare(cloud(points), truth)
+    assert found.outliers == 100
+    assert found.vertex.mean_m < 0.11e-3
+
+
+def test_a_scan_of_nothing_is_refused_by_name(truth: DeformedSurface) -> None:
+    with pytest.raises(ComparisonError, match='empty: the scan has no points'):
+        compare(cloud(np.empty((0, 3)), 'empty'), truth)
+
+
+def test_mean_unsigned_noise_is_the_folded_normal() -> None:
+    noise = np.random.default_rng(0).standard_normal(200_000)
+    assert np.abs(noise).mean() == pytest.approx(mean_unsigned_noise(1.0), rel=5e-3)
+
+
+def test_the_summary_matches_its_definitions() -> None:
+    distance = np.array([-4.0, 1.0, 2.0, -3.0])
+    summary = summarise(distance)
+    assert (summary.mean_m, summary.max_m, summary.signed_mean_m) == (2.5, 4.0, -1.0)
+    assert summary.rms_m == pytest.approx(np.sqrt(7.5))
+    weighted = summarise(distance, np.array([0.0, 1.0, 1.0, 0.0]))
+    assert weighted.mean_m == 1.5
+    assert summarise(np.empty(0)) is None
+
+
+def test_a_thin_scan_widens_the_disc_until_enough_points_lie_in_it() -> None:
+    generator = np.random.default_rng(0)
+    points = np.column_stack((generator.random((2_000, 2)) * 0.05, np.zeros(2_000)))
+    means = local_means(points, np.full(2_000, 1e-3))
+    assert means.radius_m > 2e-3
+    assert means.quotable.mean() >= 0.5
+    assert np.allclose(means.mean, 1e-3)

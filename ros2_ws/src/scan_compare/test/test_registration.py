@@ -1,0 +1,218 @@
+"""Planted poses come back: rigid, without scale, and honest about what cannot be seen."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scan_compare.deformed_surface import DeformedSurface
+from scan_compare.registration import Registration, RegistrationError, register
+from scan_compare.rigid import (
+    IDENTITY,
+    Pose,
+    pose_from_points,
+    rotation_angle,
+    rotation_from_quaternion,
+    rotation_from_vector,
+)
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from shells import (  # noqa: E402
+    BALL_RADIUS,
+    ball,
+    half_can,
+    occlude,
+    odd_body,
+    scan_points,
+    two_dents,
+)
+
+DEGREE = np.pi / 180.0
+GRASP = two_dents(0.006, bulge=0.0003)
+
+
+def scan_from(
+    truth: Pose, surface: DeformedSurface, seed: int = 1, count: int = 60_000
+) -> np.ndarray:
+    """A scan at 0.127 mm noise, 40 % occluded, in the frame that `truth` takes to the object."""
+    direction = np.random.default_rng(seed).standard_normal(3)
+    return truth.inverse().apply(occlude(scan_points(surface, count, seed=seed), 0.4, direction))
+
+
+def offset(seed: int, degrees: float = 5.0, metres: float = 5e-3) -> Pose:
+    generator = np.random.default_rng(seed)
+    axis, shift = generator.standard_normal((2, 3))
+    return Pose(
+        rotation_from_vector(degrees * DEGREE * axis / np.linalg.norm(axis)),
+        metres * shift / np.linalg.norm(shift),
+    )
+
+
+def pose_error(
+    found: Registration, truth: Pose, about: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation vector [rad] and displacement of the point `about` [m] left over."""
+    left = found.pose.after(truth.inverse())
+    skew = 0.5 * (left.rotation - left.rotation.T)
+    return np.array([skew[2, 1], skew[0, 2], skew[1, 0]]), left.apply(about[None])[0] - about
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_a_body_without_symmetry_is_found_from_any_rotation(seed: int) -> None:
+    surface = odd_body(two_dents(0.004))
+    generator = np.random.default_rng(100 + seed)
+    truth = Pose(
+        rotation_from_quaternion(generator.standard_normal(4)), 0.1 * generator.standard_normal(3)
+    )
+    found = register(scan_from(truth, surface, seed), surface, start=None)
+    turn, shift = pose_error(found, truth, found.centre)
+    assert np.linalg.norm(turn) < 0.05 * DEGREE
+    assert np.linalg.norm(shift) < 0.05e-3
+    assert len(found.unobservable) == 0
+    assert found.ambiguous_poses == 1
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_the_grasped_ball_is_found_where_it_is_observable(seed: int) -> None:
+    surface = ball(GRASP)
+    truth = offset(seed)
+    found = register(scan_from(truth, surface, seed), surface)
+    turn, shift = pose_error(found, truth, np.zeros(3))
+    assert np.linalg.norm(turn[:2]) < 0.05 * DEGREE
+    assert np.linalg.norm(shift) < 0.05e-3
+
+
+def test_the_spin_of_the_grasped_ball_is_named_and_left_alone() -> None:
+    surface = ball(GRASP)
+    truth = offset(4)
+    found = register(scan_from(truth, surface, 4), surface)
+    assert len(found.unobservable) == 1
+    turn = found.unobservable[0, :3]
+    assert abs(turn[2]) > 0.99 * np.linalg.norm(turn)
+    assert 'unobservable, kept at the start: rotation about' in found.text
+    assert 'fixed by the dents' in found.text
+
+
+def test_a_wrong_dent_depth_does_not_tilt_the_ball() -> None:
+    truth = offset(5)
+    scan = scan_from(truth, ball(GRASP), 5)
+    model = ball(two_dents(0.0075, bulge=0.0003))
+    turn, shift = pose_error(register(scan, model), truth, np.zeros(3))
+    assert np.linalg.norm(turn[:2]) < 0.2 * DEGREE
+    assert np.linalg.norm(shift) < 0.05e-3
+
+
+def test_an_undented_ball_may_spin_and_only_its_centre_is_found() -> None:
+    truth = offset(6)
+    found = register(scan_from(truth, ball(), 6), ball())
+    _, shift = pose_error(found, truth, np.zeros(3))
+    assert np.linalg.norm(shift) < 0.05e-3
+    assert len(found.unobservable) == 3
+    assert found.condition_number > 1e4
+
+
+def test_known_contacts_fix_the_spin_of_a_ball() -> None:
+    truth = offset(7, degrees=40.0)
+    contacts = BALL_RADIUS * np.array([[0.0, 0, 1], [0, 0, -1], [0.8, 0.6, 0]])
+    start = pose_from_points(truth.inverse().apply(contacts), contacts)
+    found = register(scan_from(truth, ball(), 7), ball(), start=start)
+    turn, _ = pose_error(found, truth, np.zeros(3))
+    assert np.linalg.norm(turn) < 0.05 * DEGREE
+
+
+def test_two_contacts_leave_the_spin_at_the_start() -> None:
+    contacts = np.array([[0.0, 0, 0.03], [0, 0, -0.03]])
+    turn = rotation_from_vector(np.array([0.3, -0.2, 0.0]))
+    start = pose_from_points(contacts @ turn.T, contacts)
+    assert np.allclose(start.apply(contacts @ turn.T), contacts, atol=1e-6)
+    assert rotation_angle(start.rotation @ turn) < 0.05
+
+
+def test_a_half_can_may_slide_along_its_axis_and_turn_about_it() -> None:
+    truth = offset(8, degrees=2.0, metres=2e-3)
+    found = register(scan_from(truth, half_can(), 8), half_can())
+    turn, shift = pose_error(found, truth, np.array([0.0, 0.0, 0.0]))
+    assert len(found.unobservable) == 2
+    assert np.linalg.norm(turn[:2]) < 0.05 * DEGREE
+    assert np.linalg.norm(shift[:2]) < 0.05e-3
+
+
+def test_a_shrunken_scan_is_not_scaled_to_fit() -> None:
+    truth = offset(9)
+    scan = 0.98 * scan_from(truth, odd_body(), 9)
+    found = register(scan, odd_body())
+    assert np.allclose(found.rotation @ found.rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(found.rotation) == pytest.approx(1.0)
+    assert found.rms_m > 0.25e-3
+
+
+def test_a_mirrored_scan_is_not_mirrored_back() -> None:
+    scan = scan_points(odd_body(), 20_000) * np.array([-1.0, 1.0, 1.0])
+    found = register(scan, odd_body(), start=None)
+    assert np.linalg.det(found.rotation) == pytest.approx(1.0)
+    assert found.rms_m > 0.3e-3
+
+
+def test_fingers_in_the_scan_are_trimmed() -> None:
+    truth = offset(10)
+    surface = ball(GRASP)
+    points = scan_points(surface, 40_000, seed=10)
+    generator = np.random.default_rng(0)
+    finger = np.array([0.0, 0.0, 0.027]) + generator.standard_normal((1_500, 3)) * [2e-3, 2e-3, 0]
+    finger[:, 2] += 0.03 * generator.random(1_500)
+    scan = truth.inverse().apply(np.concatenate((points, finger)))
+    turn, shift = pose_error(register(scan, surface), truth, np.zeros(3))
+    assert np.linalg.norm(shift) < 0.05e-3
+    assert np.linalg.norm(turn[:2]) < 0.1 * DEGREE
+
+
+def test_a_dent_that_the_model_does_not_know_is_trimmed() -> None:
+    truth = offset(11)
+    points = scan_from(truth, odd_body(two_dents(0.005)), 11)
+    turn, shift = pose_error(register(points, odd_body()), truth, np.zeros(3))
+    assert np.linalg.norm(turn) < 0.5 * DEGREE
+    assert np.linalg.norm(shift) < 0.15e-3
+
+
+def test_a_mask_limits_the_registration_to_chosen_points() -> None:
+    points = scan_points(odd_body(), 40_000)
+    spoiled = points.copy()
+    spoiled[points[:, 0] > 0] += [2e-3, 0.0, 0.0]
+    found = register(spoiled, odd_body(), mask=points[:, 0] <= 0)
+    _, shift = pose_error(found, IDENTITY, np.zeros(3))
+    assert np.linalg.norm(shift) < 0.05e-3
+
+
+def test_the_covariance_predicts_the_scatter_of_the_pose() -> None:
+    surface = odd_body()
+    errors, predicted = [], []
+    for seed in range(12):
+        found = register(scan_points(surface, 3_000, seed=seed), surface)
+        turn, shift = pose_error(found, IDENTITY, found.centre)
+        errors.append(np.concatenate((turn, shift)))
+        predicted.append(np.sqrt(np.diag(found.covariance)))
+    ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / np.mean(predicted, axis=0)
+    assert np.all((ratio > 0.5) & (ratio < 1.7))
+
+
+def test_the_same_scan_gives_the_same_pose_to_the_last_bit() -> None:
+    surface = odd_body()
+    scan = scan_from(offset(12), surface, 12)
+    first, second = (register(scan, surface) for _ in range(2))
+    assert first.rotation.tobytes() == second.rotation.tobytes()
+    assert first.covariance.tobytes() == second.covariance.tobytes()
+
+
+def test_too_few_points_are_refused() -> None:
+    with pytest.raises(RegistrationError, match='5 scan points'):
+        register(np.zeros((5, 3)), odd_body())
+
+
+def test_a_mask_that_leaves_nothing_is_refused() -> None:
+    points = scan_points(odd_body(), 1_000)
+    with pytest.raises(RegistrationError, match='only 0 of 1000'):
+        register(points, odd_body(), mask=np.zeros(1_000, bool))

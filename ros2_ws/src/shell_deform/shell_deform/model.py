@@ -24,6 +24,9 @@ from shell_deform.theory.gas import Gas
 
 Array = NDArray[np.float64]
 
+# A control point with less stiffness than this share of the median carries no surface.
+IDLE_STIFFNESS = 1e-7
+
 
 @dataclass(frozen=True)
 class Tangent:
@@ -89,18 +92,32 @@ class ShellModel:
 
     @cached_property
     def _fixed_values(self) -> Array:
-        """Stiffness values that never change: supports, and a unit for unused control points."""
+        """Stiffness values that never change: supports, and springs on idle control points.
+
+        Control points beyond an edge may touch the surface barely or not at all: they are kept in
+        place, which moves nothing and leaves the stiffness regular.
+        """
         shell = self.shell
         values = np.zeros(len(shell.pattern.indices))
         if self.supports is not None:
             values += self.supports.stiffness_values(shell)
-        unused = np.setdiff1d(np.arange(len(self.rest)), shell.nodes)
-        if len(unused):
-            matrix = shell.pattern.matrix(values)
-            unit = float(shell.membrane[:, 0, 0].max())
-            for dof in (3 * unused[:, None] + np.arange(3)).ravel():
-                values[diagonal_entry(matrix, int(dof))] = unit
+        spring = IDLE_STIFFNESS * float(np.median(self._own_stiffness))
+        matrix = shell.pattern.matrix(values)
+        for dof in (3 * self._idle[:, None] + np.arange(3)).ravel():
+            values[diagonal_entry(matrix, int(dof))] += spring
         return values
+
+    @cached_property
+    def _own_stiffness(self) -> Array:
+        """(n,) stiffness of each control point by itself, at rest [N/m]."""
+        values = self.shell.tangent('koiter', self.rest)[2]
+        return np.asarray(self.shell.pattern.matrix(values).diagonal()).reshape(-1, 3).sum(axis=1)
+
+    @cached_property
+    def _idle(self) -> NDArray[np.int64]:
+        """Control points that carry no surface to speak of."""
+        own = self._own_stiffness
+        return np.flatnonzero(own < IDLE_STIFFNESS * np.median(own))
 
     @cached_property
     def free_modes(self) -> Array:
@@ -113,7 +130,9 @@ class ShellModel:
     @cached_property
     def springs(self) -> NDArray[np.int64]:
         """Dofs that, once fixed, leave no rigid motion."""
-        return isostatic_dofs(self.free_modes)
+        modes = self.free_modes.copy().reshape(len(self.rest), 3, -1)
+        modes[self._idle] = 0.0
+        return isostatic_dofs(modes.reshape(3 * len(self.rest), -1))
 
     @cached_property
     def rest_tangent(self) -> Tangent:

@@ -17,7 +17,13 @@ from shell_deform.model import ShellModel, Tangent, diagonal_entry
 from shell_deform.solve.bordered import BorderedSystem
 from shell_deform.solve.borders import Borders, borders
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, PathState
-from shell_deform.solve.factor import Factor, SymbolicFactor, analyse, factorise
+from shell_deform.solve.factor import (
+    Factor,
+    FactorError,
+    SymbolicFactor,
+    analyse,
+    factorise,
+)
 from shell_deform.theory import THEORIES
 
 Array = NDArray[np.float64]
@@ -287,8 +293,12 @@ class EquilibriumSolver:
                     message = 'the surface folded onto itself'
                     break
                 gradient, energy = tangent.gradient, tangent.energy
-                system, _ = self._system(tangent, edge)
                 factorisations += 1
+                try:
+                    system, _ = self._system(tangent, edge)
+                except FactorError as error:
+                    message = str(error)
+                    break
             below = np.zeros(system.schur.shape[0])
             below[:unknown] = (moved - edge.measure.T @ free)[edge.driven]
             below[unknown : unknown + held] = -edge.held.T @ free

@@ -2,8 +2,26 @@
 
 import numpy as np
 import pytest
+import trimesh
 
-from shell_deform.objects import ObjectError, load_object, object_fit_report, object_mesh
+from shell_deform.objects import (
+    ObjectError,
+    ShellObject,
+    load_object,
+    middle_surface,
+    object_fit_report,
+    object_mesh,
+)
+from shell_deform.objects.shell_object import (
+    Cone,
+    Cylinder,
+    Ellipsoid,
+    HalfCylinder,
+    HeightField,
+    MeshFile,
+    Revolution,
+)
+from shell_deform.surface import LimitSurface
 
 
 @pytest.fixture(scope='module')
@@ -25,7 +43,7 @@ def test_the_ball_is_fine_at_its_contacts_and_coarse_between(ball):
     middle = edge.mean(axis=1)
     for contact in ball.contacts:
         near = np.linalg.norm(middle - contact.at_m, axis=1) < 0.0025
-        assert length[near].max() < 0.0011
+        assert length[near].max() < contact.radius_m
     equator = np.abs(middle[:, 0]) < 0.003
     assert 0.005 < length[equator].mean() < 0.0095
 
@@ -58,3 +76,127 @@ def test_impossible_requests_are_refused(ball):
         object_mesh(ball, refine_radius=-1)
     with pytest.raises(ObjectError, match='not finite'):
         object_mesh(ball, refine_at=[[np.nan, 0, 0]])
+
+
+def shell(surface, thickness=0.001):
+    return ShellObject('test', surface, thickness, 1e6, 0.3)
+
+
+def arc(radius, first, last, count):
+    angle = np.linspace(first, last, count)
+    r = radius * np.sin(angle)
+    r[np.abs(r) < 1e-12] = 0.0
+    return tuple(zip(r.tolist(), (-radius * np.cos(angle)).tolist(), strict=True))
+
+
+PRIMITIVES = {
+    'ellipsoid': (Ellipsoid((0.06, 0.05, 0.08)), 2e-6, True),
+    'open cylinder': (Cylinder(0.066, 0.12, 'open'), 2e-5, False),
+    'closed cylinder': (Cylinder(0.066, 0.12, 'closed'), 2e-5, True),
+    'half cylinder': (HalfCylinder(0.066, 0.12), 2e-5, False),
+    'cone': (Cone((0.05, 0.08), 0.1), 2e-5, False),
+    'sphere as a profile': (Revolution(arc(0.03, 0.0, np.pi, 15)), 5e-6, True),
+    'bowl': (Revolution(arc(0.04, 0.0, np.pi / 2, 9)), 1e-5, False),
+    'cup': (
+        Revolution(((0.0, 0.0), (0.03, 0.0), (0.032, 0.03), (0.035, 0.06), (0.04, 0.09))),
+        2e-5,
+        False,
+    ),
+}
+
+
+@pytest.mark.parametrize('name', PRIMITIVES)
+def test_every_primitive_is_followed_by_its_limit_surface(name):
+    surface, tolerance, closed = PRIMITIVES[name]
+    thing = shell(surface)
+    coarse, fine = object_mesh(thing, 300), object_mesh(thing, 900)
+    assert fine.is_closed is closed
+    assert abs(fine.vertex_count / 900 - 1) < 0.2
+    report = object_fit_report(thing, fine)
+    assert report.maximum_error_m < tolerance
+    assert report.smallest_angle_deg > 25.0
+    assert report.rms_error_m < 0.6 * object_fit_report(thing, coarse).rms_error_m
+
+
+@pytest.mark.parametrize('name', PRIMITIVES)
+def test_normals_point_outward(name):
+    thing = shell(PRIMITIVES[name][0])
+    mesh = object_mesh(thing, 300)
+    points = LimitSurface(mesh).limit_positions(mesh.vertices)
+    _, normal = middle_surface(thing).project(points)
+    found = LimitSurface(mesh).vertex_normals(mesh.vertices)
+    smooth = np.setdiff1d(np.arange(mesh.vertex_count), mesh.crease_edges)
+    assert np.einsum('ij,ij->i', found, normal)[smooth].min() > 0.95
+
+
+def test_the_middle_surface_lies_half_the_wall_inside():
+    middle = middle_surface(shell(Ellipsoid((0.06, 0.05, 0.08)), 0.004))
+    foot, normal = middle.project(np.array([[0.05, 0, 0], [0, -0.001, 0.05]]))
+    np.testing.assert_allclose(foot[0], [0.028, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(normal[0], [1, 0, 0], atol=1e-12)
+    outer = foot + 0.002 * normal
+    np.testing.assert_allclose(((outer / [0.03, 0.025, 0.04]) ** 2).sum(axis=1), 1, atol=1e-9)
+    cup = middle_surface(shell(PRIMITIVES['cup'][0], 0.002))
+    np.testing.assert_allclose(cup.project(np.array([[0.01, 0, 0.0]]))[0], [[0.01, 0, 0.001]])
+
+
+def test_any_place_of_any_surface_can_be_refined():
+    ball = load_object('tennis_ball_as_printed')
+    places = np.array([[0.0325, 0, 0], [-0.01, 0.0309, 0], [-0.01, -0.0309, 0]])
+    for thing, at in (
+        (ball, places),
+        (load_object('half_soda_can'), [[0, 0.033, 0]]),
+        (shell(Cylinder(0.066, 0.12, 'open')), [[0.033, 0, 0], [-0.033, 0, 0.01]]),
+    ):
+        mesh = object_mesh(thing, 700, refine_at=at, refine_radius=0.002)
+        for place in at:
+            distance = np.linalg.norm(mesh.vertices - place, axis=1)
+            nearest = int(np.argmin(distance))
+            assert mesh.valence[nearest] == 6
+            edges = np.linalg.norm(
+                mesh.vertices[mesh.neighbours(nearest)] - mesh.vertices[nearest], axis=1
+            )
+            assert edges.max() < 0.0025
+        assert object_fit_report(thing, mesh).smallest_angle_deg > 15.0
+
+
+def test_a_pole_of_a_profile_can_be_refined():
+    bowl = shell(PRIMITIVES['bowl'][0])
+    mesh = object_mesh(bowl, 700, refine_at=[[0, 0, -0.04]], refine_radius=0.002)
+    pole = int(np.argmin(mesh.vertices[:, 2]))
+    edges = np.linalg.norm(mesh.vertices[mesh.neighbours(pole)] - mesh.vertices[pole], axis=1)
+    assert mesh.valence[pole] == 6
+    assert edges.max() < 0.0022
+
+
+def test_height_fields(tmp_path):
+    x, y = np.meshgrid(np.linspace(-1, 1, 31), np.linspace(-1, 1, 21), indexing='ij')
+    np.save(tmp_path / 'dome.npy', 0.01 * (1 - x**2) * (1 - 0.5 * y**2))
+    dome = shell(HeightField(tmp_path / 'dome.npy', 0.002))
+    mesh = object_mesh(dome, 600)
+    assert not mesh.is_closed
+    np.testing.assert_allclose(np.ptp(mesh.vertices[:, :2], axis=0), [0.06, 0.04], atol=1e-3)
+    assert object_fit_report(dome, mesh).maximum_error_m < 1e-5
+    np.savetxt(tmp_path / 'short.csv', np.zeros((2, 5)), delimiter=',')
+    with pytest.raises(ObjectError, match=r'heights have shape \(2, 5\)'):
+        object_mesh(shell(HeightField(tmp_path / 'short.csv', 0.002)))
+
+
+def test_a_control_mesh_from_a_file_is_taken_as_it_is(tmp_path):
+
+    ball = trimesh.creation.icosphere(2, 31.25)
+    ball.export(tmp_path / 'ball.ply')
+    thing = shell(MeshFile(tmp_path / 'ball.ply', 'mm', 'control'))
+    mesh = object_mesh(thing)
+    np.testing.assert_allclose(mesh.vertices, ball.vertices / 1000, atol=1e-8)
+    with pytest.raises(ObjectError, match='make a control mesh of it with `object_prepare`'):
+        object_mesh(shell(MeshFile(tmp_path / 'ball.ply', 'mm', 'outer')))
+
+
+def test_profiles_that_no_wall_can_follow_are_refused():
+    tip = Revolution(((0.0, 0.0), (0.01, 0.03), (0.02, 0.06)))
+    with pytest.raises(ObjectError, match='test: the profile reaches the axis in a tip'):
+        object_mesh(shell(tip))
+    tight = Revolution(arc(0.001, 0.0, np.pi, 9))
+    with pytest.raises(ObjectError, match='test: the (profile is rounded|wall is thicker)'):
+        object_mesh(shell(tight, 0.003))

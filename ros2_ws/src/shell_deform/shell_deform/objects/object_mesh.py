@@ -7,13 +7,29 @@ import numpy.typing as npt
 
 from ..surface.control_mesh import ControlMesh, control_mesh
 from ..surface.fit import FitReport, Target, fit_limit_surface, fit_report, interpolating
+from .drawn import drawn_together
+from .file_mesh import LimitTarget, file_mesh
+from .grid_mesh import HalfCylinderTarget, HeightFieldTarget, grid, read_heights
+from .profile import Piece, RevolvedTarget, middle_profile
+from .revolved_mesh import revolved_mesh
 from .round_mesh import graded_sphere, turned_to
-from .shell_object import Ellipsoid, ObjectError, ShellObject, Sphere
+from .shell_object import (
+    Cone,
+    Cylinder,
+    Ellipsoid,
+    HalfCylinder,
+    HeightField,
+    MeshFile,
+    ObjectError,
+    Revolution,
+    ShellObject,
+    Sphere,
+)
 from .targets import EllipsoidTarget, SphereTarget
 
 FloatArray = npt.NDArray[np.float64]
 
-EDGES_PER_RADIUS = 0.4
+EDGES_PER_RADIUS = 0.8
 """Wanted edge length at a contact as a share of its radius."""
 
 FIT_STEPS = 3
@@ -43,8 +59,22 @@ def object_mesh(
     if count < 12:
         raise ObjectError(f'{shell.name}: {count} control vertices; at least 12 are needed')
     places, radius = _refinement(shell, refine_at, refine_radius)
+    surface = shell.surface
+    if isinstance(surface, MeshFile):
+        return file_mesh(shell.name, surface)
     target = middle_surface(shell)
-    mesh = _round(shell, count, places, radius)
+    if isinstance(surface, Sphere | Ellipsoid):
+        mesh, places = _round(surface, 0.5 * shell.thickness_m, count, places, radius)
+    elif isinstance(target, HalfCylinderTarget):
+        flat, triangles = grid(np.pi * target.radius, target.length, count)
+        mesh = control_mesh(target.place(flat), triangles)
+    elif isinstance(target, HeightFieldTarget):
+        flat, triangles = grid(target.width, target.height, count)
+        mesh = control_mesh(target.place(flat), triangles)
+    else:
+        mesh, places = _revolved(meridian(shell), count, places, radius)
+    if len(places):
+        mesh = drawn_together(mesh, target, places, EDGES_PER_RADIUS * radius)
     return fit_limit_surface(interpolating(mesh), target, FIT_STEPS)
 
 
@@ -55,7 +85,34 @@ def middle_surface(shell: ShellObject) -> Target:
         return SphereTarget(0.5 * surface.outer_diameter_m - depth)
     if isinstance(surface, Ellipsoid):
         return EllipsoidTarget(0.5 * np.array(surface.outer_diameters_m), depth)
-    raise ObjectError(f'{shell.name}: no exact middle surface of a {surface.kind}')
+    if isinstance(surface, HalfCylinder):
+        return HalfCylinderTarget(0.5 * surface.outer_diameter_m - depth, surface.length_m)
+    if isinstance(surface, HeightField):
+        return HeightFieldTarget(read_heights(surface.file), surface.spacing_m, depth)
+    if isinstance(surface, MeshFile):
+        return LimitTarget(file_mesh(shell.name, surface))
+    return RevolvedTarget(meridian(shell))
+
+
+def meridian(shell: ShellObject) -> list[Piece]:
+    """Smooth pieces of the middle surface's meridian, from below."""
+    surface = shell.surface
+    if isinstance(surface, Revolution):
+        outer = np.array(surface.outer_profile_m)
+    else:
+        assert isinstance(surface, Cylinder | Cone)
+        if isinstance(surface, Cylinder):
+            lower = upper = 0.5 * surface.outer_diameter_m
+        else:
+            lower, upper = (0.5 * diameter for diameter in surface.outer_diameters_m)
+        end = 0.5 * surface.length_m
+        outer = np.array([[lower, -end], [upper, end]])
+        if isinstance(surface, Cylinder) and surface.ends == 'closed':
+            outer = np.vstack([[0.0, -end], outer, [0.0, end]])
+    try:
+        return middle_profile(outer, 0.5 * shell.thickness_m)
+    except ObjectError as error:
+        raise ObjectError(f'{shell.name}: {error}') from error
 
 
 def object_fit_report(shell: ShellObject, mesh: ControlMesh) -> FitReport:
@@ -79,15 +136,36 @@ def _refinement(
     return places, float(radius)
 
 
-def _round(shell: ShellObject, count: int, places: FloatArray, radius: float) -> ControlMesh:
-    surface = shell.surface
+def _round(
+    surface: Sphere | Ellipsoid, depth: float, count: int, places: FloatArray, radius: float
+) -> tuple[ControlMesh, FloatArray]:
+    """A sphere or ellipsoid, graded to its poles if exactly they are touched; places left."""
     if isinstance(surface, Sphere):
         outer = np.full(3, 0.5 * surface.outer_diameter_m)
     else:
-        assert isinstance(surface, Ellipsoid)
         outer = 0.5 * np.array(surface.outer_diameters_m)
-    half_axes = outer - 0.5 * shell.thickness_m
-    edge = EDGES_PER_RADIUS * radius / half_axes.max() if len(places) else None
+    half_axes = outer - depth
+    directions = places / outer
+    directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-30)
+    axis, edge = np.array([0.0, 0.0, 1.0]), None
+    if len(places):
+        axis = directions[0]
+        if (np.abs(directions @ axis) > np.cos(0.02)).all():
+            edge = EDGES_PER_RADIUS * radius / half_axes.max()
+            places = places[:0]
     points, triangles = graded_sphere(count, edge)
-    axis = places[0] / outer if len(places) else np.array([0.0, 0.0, 1.0])
-    return control_mesh(turned_to(points, axis) * half_axes, triangles)
+    return control_mesh(turned_to(points, axis) * half_axes, triangles), places
+
+
+def _revolved(
+    pieces: list[Piece], count: int, places: FloatArray, radius: float
+) -> tuple[ControlMesh, FloatArray]:
+    """A surface of revolution, graded to poles that are touched; the other places."""
+    off_axis = np.hypot(places[:, 0], places[:, 1]) > radius
+    middle = 0.5 * (pieces[0].curve(0.0)[1] + pieces[-1].curve(pieces[-1].length)[1])
+    edges: list[float | None] = [None, None]
+    for end, pole in enumerate((pieces[0].starts_on_axis(), pieces[-1].ends_on_axis())):
+        touched = ~off_axis & ((places[:, 2] > middle) == bool(end))
+        if pole and touched.any():
+            edges[end] = EDGES_PER_RADIUS * radius
+    return revolved_mesh(pieces, count, edges[0], edges[1]), places[off_axis]

@@ -60,7 +60,7 @@ def ring_mesh(
 
     Args:
         around: vertices per ring; a multiple of six if there is a cap.
-        rows: rows of triangles between the two outermost full rings (at least one).
+        rows: rows of triangles between the two outermost full rings; none leaves a cap alone.
         spacing: conformal height of a row; :func:`row_height` makes them equilateral.
         lower_cap, upper_cap: close that end with a hexagonal cap.
 
@@ -70,11 +70,11 @@ def ring_mesh(
     shift = 0.5 * (np.arange(rows + 1) % 2)[:, None]
     height = np.repeat(spacing * np.arange(rows + 1)[:, None], around, axis=1)
     longitude = 2.0 * np.pi * (np.arange(around) + shift) / around
-    parts = [np.concatenate([_row_faces(around, j) for j in range(rows)])]
+    parts = [_row_faces(around, j) for j in range(rows)]
     heights, longitudes, row = [], [], [np.repeat(np.arange(rows + 1), around)]
     count = height.size
     if lower_cap or upper_cap:
-        cap = _cap(around // 6, spacing)
+        cap = _cap(around // 6, spacing, min(rows, 2 * around // 3))
         reach = min(rows + 1, len(cap.rise))
     if lower_cap:
         height[:reach] += cap.rise[:reach]
@@ -138,8 +138,8 @@ def _row_faces(around: int, j: int) -> IntArray:
 
 
 @lru_cache(maxsize=64)
-def _cap(rings: int, spacing: float) -> _Cap:
-    """Lay out a cap below rows of the given spacing.
+def _cap(rings: int, spacing: float, rows: int) -> _Cap:
+    """Lay out a cap below some rows of the given spacing.
 
     The cap and some rows beyond it are laid into a disc by the discrete harmonic map, which
     tends to the conformal one (Gu and Yau, Global conformal surface parameterization, 2003).
@@ -155,7 +155,7 @@ def _cap(rings: int, spacing: float) -> _Cap:
             faces += [(inner[j], outer[j + 1], inner[j + 1]) for j in range(k - 1)]
     # Seen from outside an upper cap, its rings run counter-clockwise from the centre outward.
     cap = np.array(faces, dtype=np.int64)
-    rows, around = 4 * rings, 6 * rings
+    around = 6 * rings
     total = start[-1] + rows * around
     weights = _cotangents(cap, np.ones(3) / np.sqrt(3.0), total)
     base = 2.0 * np.pi / around
@@ -178,8 +178,8 @@ def _cap(rings: int, spacing: float) -> _Cap:
         level = np.log(np.abs(place))
     grown = level[start[rings] :].reshape(rows + 1, around)
     # The discrete map grows by a slightly other factor per row than the smooth one.
-    scale = spacing / float(grown[-2].mean() - grown[-3].mean())
-    height = scale * (level - grown[-2].mean()) + (rows - 1) * spacing
+    scale = spacing / float(grown[-1].mean() - grown[-2].mean()) if rows > 1 else 1.0
+    height = scale * level + rows * spacing
     steps = np.arange(rows + 1)[:, None]
     even = 2.0 * np.pi * (np.arange(around) + 0.5 * (steps % 2)) / around
     rings_place = place[start[rings] :].reshape(rows + 1, around)
@@ -188,8 +188,8 @@ def _cap(rings: int, spacing: float) -> _Cap:
         height[:inner],
         np.angle(place[:inner]),
         cap,
-        height[inner:].reshape(rows + 1, around)[:-1] - spacing * steps[:-1],
-        np.angle(rings_place * np.exp(-1j * even))[:-1],
+        height[inner:].reshape(rows + 1, around) - spacing * steps,
+        np.angle(rings_place * np.exp(-1j * even)),
     )
 
 

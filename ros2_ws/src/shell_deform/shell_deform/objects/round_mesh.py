@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from .rings import RingMesh, ring_count_with_caps, ring_mesh, row_height
+from .rings import ring_count_with_caps, ring_mesh, row_height
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -32,7 +32,7 @@ def graded_sphere(vertices: int, pole_edge: float | None) -> tuple[FloatArray, I
     Returns:
         Vertices (n, 3) on the unit sphere and outward triangles (m, 3).
     """
-    best: tuple[float, RingMesh] | None = None
+    best: tuple[float, int, int, float] | None = None
     for cap_rings in range(2, 200):
         around = 6 * cap_rings
         caps = ring_count_with_caps(cap_rings, 1, 2)
@@ -41,15 +41,17 @@ def graded_sphere(vertices: int, pole_edge: float | None) -> tuple[FloatArray, I
         rows = 1 + max(0, round((vertices - caps) / around))
         even = row_height(around)
         edge = pole_edge if pole_edge is not None else 2.0 * math.pi / around
-        needed = _half_height(ring_mesh(around, rows, even), edge) / (0.5 * rows) / even
+        # From the equator to the rim of a cap whose innermost ring has the wanted edge.
+        half_height = -math.log(math.tan(0.5 * min(edge, 2.0))) - math.log(cap_rings)
+        needed = max(half_height, 1e-3) / (0.5 * rows) / even
         stretch = min(max(needed, 1.0 / LARGEST_STRETCH), LARGEST_STRETCH)
         # Few vertices around make long triangles at the equator; they cost as much as missing
         # the wanted edge at the poles.
         missed = abs(math.log(needed)) + abs(math.log(min(1.0, around / FEWEST_AROUND)))
         if best is None or missed < best[0]:
-            best = missed, ring_mesh(around, rows, stretch * even)
+            best = missed, around, rows, stretch * even
     assert best is not None
-    mesh = best[1]
+    mesh = ring_mesh(*best[1:])
     full = mesh.height[(mesh.row >= 0) & (mesh.row < mesh.row.max())]
     height = mesh.height - 0.5 * (full.min() + full.max())
     polar = 2.0 * np.arctan(np.exp(height))
@@ -61,13 +63,6 @@ def graded_sphere(vertices: int, pole_edge: float | None) -> tuple[FloatArray, I
         ]
     )
     return points, mesh.triangles
-
-
-def _half_height(mesh: RingMesh, edge: float) -> float:
-    """Conformal height from equator to the lower rim that gives the first cap ring that edge."""
-    cap = np.sort(mesh.height[mesh.row == -1])
-    first = float(cap[1:7].mean())
-    return -math.log(math.tan(0.5 * edge)) + first
 
 
 def turned_to(points: FloatArray, direction: FloatArray) -> FloatArray:

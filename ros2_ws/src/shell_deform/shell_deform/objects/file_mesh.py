@@ -1,0 +1,70 @@
+"""Control meshes that come from a mesh file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from ..surface.control_mesh import ControlMesh, MeshError, control_mesh
+from ..surface.limit import LimitSurface
+from .shell_object import MeshFile, ObjectError
+
+FloatArray = npt.NDArray[np.float64]
+
+UNIT_M = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'in': 0.0254}
+"""Metres per unit of a mesh file."""
+
+
+def read_triangles(path: Path, unit: str) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """Vertices (n, 3) [m], equal ones merged, and triangles (m, 3) of any file trimesh reads.
+
+    Raises:
+        ObjectError: the file cannot be read or holds no triangle.
+    """
+    try:
+        mesh = trimesh.load(path, force='mesh', process=False)
+    except Exception as error:
+        raise ObjectError(f'{path}: cannot be read as a mesh: {error}') from error
+    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
+        raise ObjectError(f'{path}: holds no triangles')
+    mesh.merge_vertices()
+    return np.asarray(mesh.vertices) * UNIT_M[unit], np.asarray(mesh.faces, dtype=np.int64)
+
+
+def file_mesh(name: str, surface: MeshFile) -> ControlMesh:
+    """The control mesh that a file holds.
+
+    Raises:
+        ObjectError: the file shows a face of the wall instead, or no mesh that can carry a
+            surface.
+    """
+    if surface.face != 'control':
+        raise ObjectError(
+            f'{name}: {surface.file} shows the {surface.face} face; make a control mesh of it '
+            'with `object_prepare`'
+        )
+    vertices, triangles = read_triangles(surface.file, surface.unit)
+    try:
+        return control_mesh(vertices, triangles)
+    except MeshError as error:
+        raise ObjectError(f'{name}: {surface.file}: {error}') from error
+
+
+class LimitTarget:
+    """The limit surface of a given control mesh."""
+
+    def __init__(self, mesh: ControlMesh) -> None:
+        self._mesh = mesh
+        self._surface = LimitSurface(mesh)
+
+    def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Nearest points (p, 3) [m] and outward unit normals (p, 3)."""
+        found = self._surface.closest_point(self._mesh.vertices, points)
+        return found.position, found.normal
+
+    def outline(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Nearest points, and no direction: the outline is where the mesh has it."""
+        return self.project(points)[0], np.zeros((len(points), 2, 3))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -199,7 +200,7 @@ class Discretisation:
             pressure, *self._volume_arguments(), positions, *self._scatter_arguments(), data
         )
 
-    def _kernel_arguments(self) -> tuple[Array | Index, ...]:
+    def _kernel_arguments(self) -> Any:
         reference = self.reference
         return (
             *self._volume_arguments()[:5],
@@ -211,7 +212,7 @@ class Discretisation:
             self.bending,
         )
 
-    def _volume_arguments(self) -> tuple[Array | Index, ...]:
+    def _volume_arguments(self) -> Any:
         return (
             self.node_offsets,
             self.nodes,
@@ -222,7 +223,7 @@ class Discretisation:
             self.weights,
         )
 
-    def _scatter_arguments(self) -> tuple[Index, ...]:
+    def _scatter_arguments(self) -> Any:
         return self.pattern.block_offsets, self.pattern.block_start, self.pattern.row_length
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -89,7 +90,7 @@ def with_material(
     young_modulus: float | None = None,
     poisson_ratio: float | None = None,
     thickness: float | None = None,
-    gas_kind: str | None = None,
+    gas_kind: Literal['none', 'open', 'sealed'] | None = None,
 ) -> ShellObject:
     """The same object with other numbers [Pa], [-], [m]; None keeps a number."""
     changes: dict[str, object] = {}

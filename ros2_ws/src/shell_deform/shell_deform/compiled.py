@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib.util
 import warnings
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
@@ -29,5 +29,5 @@ def compiled(function: Function) -> Function:
     """Compile `function` on first use."""
     import numba
 
-    result: Function = numba.njit(nogil=True, cache=True, error_model='numpy')(function)
-    return result
+    result: Any = numba.njit(nogil=True, cache=True, error_model='numpy')(function)
+    return cast(Function, result)

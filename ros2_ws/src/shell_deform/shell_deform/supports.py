@@ -45,10 +45,10 @@ class SupportRows:
 
     def dense(self, size: int) -> Array:
         """The rows as columns of a dense (3 size, k) matrix."""
-        rows = np.zeros((size, 3, len(self.stiffness)))
+        rows = np.zeros((size, len(self.stiffness), 3))
         row = np.repeat(np.arange(len(self.stiffness)), np.diff(self.offsets))
-        np.add.at(rows, (self.nodes, slice(None), row), self.coefficients)
-        return rows.reshape(3 * size, -1)
+        np.add.at(rows, (self.nodes, row), self.coefficients)
+        return np.swapaxes(rows, 1, 2).reshape(3 * size, -1)
 
     def stretch(self, displacement: Array, target: Array | None = None) -> Array:
         """(k,) what each condition lacks [m] for control displacements (n, 3).
@@ -57,7 +57,8 @@ class SupportRows:
         """
         row = np.repeat(np.arange(len(self.stiffness)), np.diff(self.offsets))
         products = np.einsum('ei,ei->e', self.coefficients, displacement[self.nodes])
-        motion = np.bincount(row, products, minlength=len(self.stiffness))
+        motion = np.zeros(len(self.stiffness))
+        np.add.at(motion, row, products)
         return motion if target is None else motion - target
 
     def force(self, displacement: Array, target: Array | None = None) -> Array:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +94,7 @@ def _solve(options: argparse.Namespace) -> None:
         _print_table(shell_object, options.theory, len(model.rest), cpu, results)
 
 
-def _point(solved: Solved) -> dict[str, object]:
+def _point(solved: Solved) -> dict[str, Any]:
     state = solved.state
     return {
         'displacement_m': float(np.mean(state.displacement)),
@@ -132,10 +133,10 @@ def _print_table(
     for solved in results:
         point = _point(solved)
         table.add_row(
-            f'{1e3 * float(point["displacement_m"]):.4f}',
+            f'{1e3 * point["displacement_m"]:.4f}',
             f'{point["force_n"]:.5g}',
-            f'{1e3 * float(point["energy_j"]):.5g}',
-            f'{1e-3 * float(point["gas_pressure_pa"]):.4g}',
+            f'{1e3 * point["energy_j"]:.5g}',
+            f'{1e-3 * point["gas_pressure_pa"]:.4g}',
             'yes' if point['stable'] else 'NO',
         )
     Console().print(table)

@@ -43,7 +43,7 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
     count = 3 * len(model.rest)
     push = np.zeros((count, len(contacts)))
     measure = np.zeros((count, len(contacts)))
-    held = []
+    held: list[Array] = []
     dead = np.zeros(size) if case.dead_load is None else case.dead_load.copy()
     for i, contact in enumerate(contacts):
         push[:, i] = contact.force_pattern(contact.axis).reshape(-1)

@@ -279,7 +279,6 @@ class EquilibriumSolver:
         state = here
         system: BorderedSystem | None = None
         previous = 1.0
-        noise = self._noise_force()
         tangent = None
         iterations = factorisations = 0
         message = 'Newton iterations did not converge'
@@ -318,6 +317,7 @@ class EquilibriumSolver:
             pushes[edge.driven] = border[:unknown]
             multipliers = border[unknown : unknown + held]
             carried = edge.push @ pushes + dead
+            noise = self._noise_force(free)
             loose = gradient - carried + edge.held @ multipliers
             scale = max(
                 float(np.linalg.norm(carried)),
@@ -364,14 +364,15 @@ class EquilibriumSolver:
             return 0.0
         return float(np.linalg.norm(supports.force(positions - self.model.rest, target)))
 
-    def _noise_force(self) -> float:
-        """Force [N] that round-off leaves unbalanced: the stiffest spring times the last digit."""
-        shell = self.model.shell
-        stiffest = float(shell.membrane[:, 0, 0].max())
-        if self.model.supports is not None:
-            stiffest = max(stiffest, float(self.model.supports.stiffness.max()))
+    def _noise_force(self, free: Array) -> float:
+        """Force [N] that round-off leaves unbalanced at displacements (N,)."""
+        digit = 16.0 * float(np.finfo(float).eps)
         extent = float(np.ptp(self.model.rest, axis=0).max())
-        return 16.0 * float(np.finfo(float).eps) * stiffest * extent
+        noise = digit * float(self.model.shell.membrane[:, 0, 0].max()) * extent
+        if self.model.supports is not None:
+            spring = float(self.model.supports.stiffness.max())
+            noise += digit * spring * float(np.abs(free).max(initial=0.0))
+        return noise
 
     def _gas_pressure(self, positions: Array, linear: bool) -> float:
         model = self.model

@@ -96,8 +96,9 @@ def cantilever_moment(cells: tuple[int, int] = (60, 2)) -> Curve:
         shell = model.shell
         end = grid.edge('s1')
         turn = hold_slope(shell, end, np.tile(X, (len(end), 1)), np.stack([X, Z]))
-        model = model.with_theory(model.theory, supports=joined([model.supports, turn]))
-        fixed = len(model.supports.stiffness) - 2 * len(end)
+        root = clamped(shell, grid.edge('s0'), X)
+        model = ShellModel(shell, supports=joined([*root, turn]))
+        fixed = sum(len(part.stiffness) for part in root)
         edge_length = np.sqrt(shell.area / int(shell.mesh.active.sum()))
         solver = EquilibriumSolver(model)
         tip = point_load(model, int(end[cells[1] // 2]), Z)
@@ -132,7 +133,7 @@ def slit_annulus(cells: tuple[int, int] = (8, 64)) -> Curve:
     with stopwatch() as watch:
         grid = grid_surface(plate, cells)
         shell = discretise(grid.mesh, Material(data['E'], data['nu']), data['h'])
-        model = ShellModel(shell, supports=clamped(shell, grid.edge('t0'), Y))
+        model = ShellModel(shell, supports=joined(clamped(shell, grid.edge('t0'), Y)))
         load = edge_load(shell, grid.edge('t1'), Z * 0.8 * (outer - inner))
         probes = [point_load(model, grid.corner(s, 1), Z) for s in (0, 1)]
         fractions = np.array(data['data'])[:, 0]
@@ -207,15 +208,13 @@ def pullout(cells: tuple[int, int] = (24, 16)) -> Curve:
                   watch.seconds, message)  # fmt: skip
 
 
-def clamped(shell: Discretisation, edge: NDArray[np.int64], across: Array) -> SupportRows | None:
+def clamped(shell: Discretisation, edge: NDArray[np.int64], across: Array) -> list[SupportRows]:
     """Conditions of a clamped edge with `across` pointing from it into the surface."""
     everything = np.eye(3)
-    return joined(
-        [
-            hold_position(shell, edge, everything),
-            hold_slope(shell, edge, np.tile(across, (len(edge), 1)), everything),
-        ]
-    )
+    return [
+        hold_position(shell, edge, everything),
+        hold_slope(shell, edge, np.tile(across, (len(edge), 1)), everything),
+    ]
 
 
 def edge_load(shell: Discretisation, edge: NDArray[np.int64], total: Array) -> Array:
@@ -259,7 +258,7 @@ def _strip(data: dict, cells: tuple[int, int]) -> tuple[ShellModel, GridSurface]
 
     grid = grid_surface(flat, cells)
     shell = discretise(grid.mesh, Material(data['E'], data['nu']), data['h'])
-    return ShellModel(shell, supports=clamped(shell, grid.edge('s0'), X)), grid
+    return ShellModel(shell, supports=joined(clamped(shell, grid.edge('s0'), X))), grid
 
 
 def _driven(load: ContactPatch, depth: float) -> LoadCase:
@@ -276,7 +275,7 @@ def _ramp(
     """States at fractions of a load: contact forces (k,), or nodal forces (n, 3) by themselves."""
     solver = EquilibriumSolver(model, NewtonOptions(largest_move=40.0, factorisations=14))
     state = solver.rest()
-    found = []
+    found: list[Equilibrium] = []
     for fraction in fractions:
         if contacts:
             case = unheld(forced(contacts, fraction * load))

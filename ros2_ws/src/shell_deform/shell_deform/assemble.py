@@ -162,10 +162,9 @@ class Discretisation:
         if not HAVE_NUMBA:
             return assemble_numpy.shell_gradient(self, theory, positions)
         gradient = np.zeros_like(positions)
-        energy = assemble_kernels.shell_gradient(
-            THEORIES[theory].code, *self._kernel_arguments(), positions, gradient
-        )
-        return energy, gradient
+        code = THEORIES[theory].code
+        arguments: Any = (code, *self._kernel_arguments(), positions, gradient)
+        return assemble_kernels.shell_gradient(*arguments), gradient
 
     def tangent(self, theory: str, positions: Array) -> tuple[float, Array, Array]:
         """Strain energy [J], gradient (n, 3) [N] and stiffness values [N/m] of `pattern`."""
@@ -173,7 +172,7 @@ class Discretisation:
             return assemble_numpy.shell_tangent(self, theory, positions)
         gradient = np.zeros_like(positions)
         data = np.zeros(len(self.pattern.indices))
-        energy = assemble_kernels.shell_tangent(
+        arguments: Any = (
             THEORIES[theory].code,
             *self._kernel_arguments(),
             positions,
@@ -181,24 +180,29 @@ class Discretisation:
             *self._scatter_arguments(),
             data,
         )
-        return energy, gradient, data
+        return assemble_kernels.shell_tangent(*arguments), gradient, data
 
     def volume(self, positions: Array) -> tuple[float, Array]:
         """Volume inside the middle surface [m^3] and its gradient (n, 3) [m^2]."""
         if not HAVE_NUMBA:
             return assemble_numpy.volume_gradient(self, positions)
         gradient = np.zeros_like(positions)
-        volume = assemble_kernels.volume_gradient(*self._volume_arguments(), positions, gradient)
-        return volume, gradient
+        arguments: Any = (*self._volume_arguments(), positions, gradient)
+        return assemble_kernels.volume_gradient(*arguments), gradient
 
     def add_pressure_stiffness(self, pressure: float, positions: Array, data: Array) -> None:
         """Add -pressure [Pa] times the second derivative of the volume to stiffness values."""
         if not HAVE_NUMBA:
             assemble_numpy.add_pressure_stiffness(self, pressure, positions, data)
             return
-        assemble_kernels.volume_tangent(
-            pressure, *self._volume_arguments(), positions, *self._scatter_arguments(), data
+        arguments: Any = (
+            pressure,
+            *self._volume_arguments(),
+            positions,
+            *self._scatter_arguments(),
+            data,
         )
+        assemble_kernels.volume_tangent(*arguments)
 
     def _kernel_arguments(self) -> Any:
         reference = self.reference

@@ -48,13 +48,22 @@ def read_weighings(path: Path) -> dict[int, list[Weighing]]:
         lines = path.read_text(encoding='utf-8').splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise CalibrationError(f'{path}: cannot be read ({error})') from error
+    return parse_weighings(lines, str(path))
+
+
+def parse_weighings(lines: Sequence[str], name: str) -> dict[int, list[Weighing]]:
+    """Read the lines of a table of known weights; `name` stands in front of complaints.
+
+    Raises:
+        CalibrationError: other header, or a row that cannot be read, with its line.
+    """
     rows = [
         (number, line.strip())
         for number, line in enumerate(lines, start=1)
         if line.strip() and not line.lstrip().startswith('#')
     ]
     if not rows or rows[0][1].replace(' ', '') != HEADER:
-        raise CalibrationError(f'{path}: the first line must be {HEADER!r}')
+        raise CalibrationError(f'{name}: the first line must be {HEADER!r}')
     table: dict[int, list[Weighing]] = {finger: [] for finger in FINGERS}
     for number, line in rows[1:]:
         try:
@@ -62,11 +71,11 @@ def read_weighings(path: Path) -> dict[int, list[Weighing]]:
             finger = int(finger_text)
             mass, arm, counts, noise = (float(text) for text in numbers)
         except ValueError as error:
-            raise CalibrationError(f'{path} line {number}: {line!r} ({error})') from error
+            raise CalibrationError(f'{name} line {number}: {line!r} ({error})') from error
         if finger not in FINGERS:
-            raise CalibrationError(f'{path} line {number}: finger {finger}, must be 1, 2 or 3')
+            raise CalibrationError(f'{name} line {number}: finger {finger}, must be 1, 2 or 3')
         if not all(math.isfinite(value) for value in (mass, arm, counts, noise)) or noise < 0.0:
-            raise CalibrationError(f'{path} line {number}: {line!r} holds an impossible number')
+            raise CalibrationError(f'{name} line {number}: {line!r} holds an impossible number')
         table[finger].append(Weighing(mass * arm * GRAVITY_M_PER_S2, counts, noise))
     return table
 

@@ -259,14 +259,13 @@ class HandObserver:
             self._follow_zero(finger, counts, touching, time_s)
         elif not torque.flags & FLAG_NO_GAUGE:
             flags |= FLAG_FAULT
-        size = force.force_n if touching else 0.0
         zero = self.zeros[finger]
         contact = Contact(
             finger=finger,
             flags=flags,
             point=point,
             normal=normal,
-            force=size * normal,
+            force=force.force_n * normal,
             sigma_normal_n=force.sigma_n,
             radius_m=pin.radius_m,
             travel_m=travel,

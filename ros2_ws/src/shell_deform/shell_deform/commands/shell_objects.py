@@ -1,0 +1,140 @@
+"""`shell_objects`: the known objects and their numbers."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from shell_deform.objects import (
+    ObjectError,
+    ShellObject,
+    load_object,
+    object_fit_report,
+    object_mesh,
+    object_names,
+)
+
+
+PLAIN_WIDTH = 160
+"""Columns of the table where there is no terminal to ask."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the shipped objects, or the given ones; 0 done, 1 an object cannot be read."""
+    options = _parser().parse_args(arguments)
+    try:
+        shells = [load_object(name) for name in options.objects or object_names()]
+        described = [_described(shell, options.mesh) for shell in shells]
+    except ObjectError as error:
+        print(f'shell_objects: {error}', file=sys.stderr)
+        return 1
+    if options.json:
+        json.dump({'objects': described}, sys.stdout, indent=2)
+        print()
+    else:
+        width = None if sys.stdout.isatty() else PLAIN_WIDTH
+        Console(width=width).print(_table(shells, described, options.mesh))
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='shell_objects', description='The known thin shells and their numbers.'
+    )
+    parser.add_argument(
+        'objects', nargs='*', metavar='NAME|FILE', help='objects to show (default: all shipped)'
+    )
+    parser.add_argument(
+        '--mesh',
+        action='store_true',
+        help='also build each control mesh and show how well it fits (edges and errors in m)',
+    )
+    parser.add_argument('--json', action='store_true', help='print one JSON document')
+    return parser
+
+
+def _described(shell: ShellObject, with_mesh: bool) -> dict[str, Any]:
+    surface = {
+        key: str(value) if isinstance(value, Path) else value
+        for key, value in vars(shell.surface).items()
+    }
+    result: dict[str, Any] = {
+        'name': shell.name,
+        'surface': {shell.surface.kind: surface},
+        'thickness_m': shell.thickness_m,
+        'young_modulus_pa': shell.young_modulus_pa,
+        'poisson_ratio': shell.poisson_ratio,
+        'yield_stress_pa': shell.yield_stress_pa,
+        'gas': asdict(shell.gas),
+        'supports': [asdict(support) for support in shell.supports],
+        'contacts': [asdict(contact) for contact in shell.contacts],
+        'control_vertices': shell.control_vertices,
+        'source': shell.source,
+    }
+    if shell.vertex_thickness_m is not None:
+        result['vertex_thickness_m'] = shell.vertex_thickness_m.tolist()
+    if with_mesh:
+        result['mesh'] = asdict(object_fit_report(shell, object_mesh(shell)))
+    return result
+
+
+def _table(shells: Sequence[ShellObject], described: Sequence[dict], with_mesh: bool) -> Table:
+    table = Table(title='Thin shells')
+    for heading in ('name', 'surface (mm)', 'h (mm)', 'E (MPa)', 'nu', 'gas', 'held', 'touched'):
+        table.add_column(heading)
+    if with_mesh:
+        table.add_column('control mesh')
+    for shell, description in zip(shells, described, strict=True):
+        row = [
+            shell.name,
+            _shape(shell),
+            f'{1e3 * shell.thickness_m:g}',
+            f'{1e-6 * shell.young_modulus_pa:g}',
+            f'{shell.poisson_ratio:g}',
+            _gas(shell),
+            ', '.join(f'{support.where} {support.kind}' for support in shell.supports) or '-',
+            ', '.join(f'{c.kind} r {1e3 * c.radius_m:g}' for c in shell.contacts) or '-',
+        ]
+        if with_mesh:
+            mesh = description['mesh']
+            row.append(
+                f'{mesh["vertices"]} vertices, edges {1e3 * mesh["shortest_edge_m"]:.2f} to '
+                f'{1e3 * mesh["longest_edge_m"]:.2f} mm, fit {1e6 * mesh["rms_error_m"]:.2g} um '
+                f'rms, {1e6 * mesh["maximum_error_m"]:.2g} um at most'
+            )
+        table.add_row(*row)
+    return table
+
+
+def _shape(shell: ShellObject) -> str:
+    parts = []
+    for key, value in vars(shell.surface).items():
+        if isinstance(value, str | Path):
+            parts.append(str(value))
+        elif isinstance(value, float):
+            parts.append(f'{key.removesuffix("_m").replace("_", " ")} {1e3 * value:g}')
+        elif np.ndim(value) == 1:
+            sizes = ' x '.join(f'{1e3 * size:g}' for size in value)
+            parts.append(f'{key.removesuffix("_m").replace("_", " ")} {sizes}')
+        else:
+            parts.append(f'profile of {len(value)} points')
+    return f'{shell.surface.kind.replace("_", " ")}: {", ".join(parts)}'
+
+
+def _gas(shell: ShellObject) -> str:
+    if shell.gas.kind != 'sealed':
+        return shell.gas.kind
+    return f'sealed, {1e-5 * shell.gas.gauge_pressure_pa:g} bar gauge'
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,41 @@
+"""The command `shell_objects`."""
+
+import json
+
+import pytest
+
+from shell_deform.commands.shell_objects import main
+
+
+def test_json_is_one_document_with_every_number(capsys):
+    assert main(['--json', 'tennis_ball']) == 0
+    (ball,) = json.loads(capsys.readouterr().out)['objects']
+    assert ball['surface'] == {'sphere': {'outer_diameter_m': 0.065}}
+    assert ball['gas'] == {'kind': 'sealed', 'gauge_pressure_pa': 0.0, 'ambient_pa': 101325.0}
+    assert len(ball['contacts']) == 2
+
+
+def test_without_names_all_shipped_objects_are_shown(capsys):
+    assert main([]) == 0
+    text = capsys.readouterr().out
+    for word in ('tennis_ball', 'half_soda', 'sealed', 'hinged'):
+        assert word in text
+
+
+def test_the_mesh_and_its_fit_are_shown_on_request(capsys):
+    assert main(['--json', '--mesh', 'tennis_ball']) == 0
+    mesh = json.loads(capsys.readouterr().out)['objects'][0]['mesh']
+    assert mesh['maximum_error_m'] < 2.5e-6
+
+
+def test_an_unknown_object_is_one_sentence_and_exit_one(capsys):
+    assert main(['teapot']) == 1
+    output = capsys.readouterr()
+    assert output.out == ''
+    assert output.err.startswith("shell_objects: no object file 'teapot'; the shipped objects are")
+
+
+def test_wrong_arguments_exit_two():
+    with pytest.raises(SystemExit) as caught:
+        main(['--colour'])
+    assert caught.value.code == 2

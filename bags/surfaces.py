@@ -44,7 +44,8 @@ class BallTruth:
     """The two-finger ball: rest and deformed outer face, dents and gas at any kept force."""
 
     def __init__(self, name: str = 'ball_two_finger') -> None:
-        self.data = json.loads((FOLDER / f'{name}.json').read_text())
+        self.file = f'{name}.json'
+        self.data = json.loads((FOLDER / self.file).read_text())
         levels = self.data['levels']
         self.forces = np.array([0.0, *(level['force_n'] for level in levels)])
         self.profiles = np.array(
@@ -130,7 +131,8 @@ class ShellTruth:
     """A 3-D solution kept as one sector; the whole face by its mirror planes."""
 
     def __init__(self, name: str) -> None:
-        self.data = json.loads((FOLDER / f'{name}.json').read_text())
+        self.file = f'{name}.json'
+        self.data = json.loads((FOLDER / self.file).read_text())
         with np.load(FOLDER / f'{name}.npz') as kept:
             self.rest = kept['rest_m'].astype(float)
             self.quads = kept['faces']

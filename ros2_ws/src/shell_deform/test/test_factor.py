@@ -1,6 +1,7 @@
 """The sparse factorisation: right on definite, indefinite and singular matrices."""
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -292,6 +293,26 @@ def test_superlu_refuses_to_guess_an_inertia_it_does_not_know():
     factor = superlu_factorise(analyse(matrix, block=1), matrix)
     with pytest.raises(FactorError, match='does not know its inertia'):
         _ = factor.inertia
+
+
+def test_without_numba_superlu_takes_over(sphere, monkeypatch):
+    monkeypatch.setattr('shell_deform.solve.factor.HAVE_NUMBA', False)
+    matrix = shifted(sphere.free, 0.1)
+    factor = factorise(analyse(sphere.graph, sphere.vertices), matrix)
+    assert backward_error(matrix, factor.solve(sphere.load), sphere.load) < 1e-14
+    assert factor.inertia == Inertia(len(sphere.load), 0, 0)
+
+
+def test_threads_share_an_analysis(larger_sphere):
+    matrices = [shifted(larger_sphere.free, 0.1 * k - 0.35) for k in range(8)]
+
+    def solution(matrix):
+        return factorise(larger_sphere.symbolic, matrix).solve(larger_sphere.load)
+
+    alone = [solution(matrix) for matrix in matrices]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(solution, matrices))
+    assert all(np.array_equal(a, b) for a, b in zip(alone, together, strict=True))
 
 
 def test_unconnected_parts_are_factorised_together():

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 # Eigenvalues below this, relative to the equilibrated matrix, are rounding: zero.
 ZERO_EIGENVALUE = 1e-13
 # Refinement stops at this residual relative to |K| |x| + |f|.
-REFINED = 4.0 * np.finfo(float).eps
+REFINED = 32.0 * np.finfo(float).eps
 # A load may have this part along zero modes before it counts as inconsistent.
 CONSISTENT = 1e-9
 

@@ -6,7 +6,7 @@ import queue
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
 from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh as MeshMessage
 from std_msgs.msg import Float64, String
@@ -53,6 +54,7 @@ NUMBERS = {
 }
 SCAN_POINTS = 30_000
 SERVICE_TIMEOUT_S = 5.0
+DISCOVERY_S = 2.0
 PLAUSIBLE_LATENCY_S = 60.0
 
 
@@ -74,6 +76,16 @@ class PolledGroup(CallbackGroup):
 
     def ending_execution(self, entity: object) -> None:
         """Nothing was begun."""
+
+
+@dataclass
+class Asked:
+    """A service call that a button began."""
+
+    name: str
+    client: Client
+    since: float
+    future: Future | None = None
 
 
 def _qos(latched: bool, reliable: bool) -> QoSProfile:
@@ -104,7 +116,7 @@ class GraspView(Node):
         self._latency = float('nan')
         self._surface_at = float('nan')
         self._polled: list[tuple[Any, Callable[[Any, float], None]]] = []
-        self._pending: list[tuple[str, Any, float]] = []
+        self._asked: list[Asked] = []
         self._callers: dict[str, Client] = {}
         self._updates = 0
         self._subscribe()
@@ -233,7 +245,9 @@ class GraspView(Node):
         self._latency = latency if abs(latency) < PLAUSIBLE_LATENCY_S else float('nan')
         self._surface_at = time.monotonic()
         self._keep(served=surface, time=surface.stamp)
-        self._history.add(surface.stamp, self._snapshot)
+        # What one looks back at must not run out at its old end meanwhile.
+        if self.page.live and self._snapshot.mesh is not None:
+            self._history.add(surface.stamp, self._snapshot)
 
     def _poll(self) -> None:
         for subscription, take in self._polled:
@@ -273,34 +287,40 @@ class GraspView(Node):
 
     def _run_commands(self) -> None:
         while not self._commands.empty():
-            self._call(self._commands.get())
-        now = time.monotonic()
-        waiting = []
-        for name, future, since in self._pending:
-            if future.done():
-                answer = future.result()
-                self.page.answer(
-                    f'{name}: {"done" if answer.success else "refused"}'
-                    + (f', {answer.message}' if answer.message else '')
-                )
-            elif now - since > SERVICE_TIMEOUT_S:
-                future.cancel()
-                self.page.answer(f'{name}: no answer within {SERVICE_TIMEOUT_S:.0f} s')
-            else:
-                waiting.append((name, future, since))
-        self._pending = waiting
+            self._ask(self._commands.get())
+        self._asked = [call for call in self._asked if not self._settled(call)]
 
-    def _call(self, name: str) -> None:
+    def _ask(self, name: str) -> None:
         replay = str(self.get_parameter('replay_node').value)
         service = {'tare': 'hand/tare', 'compare': 'scan/compare'}.get(name, f'{replay}/{name}')
         client = self._callers.get(service)
         if client is None:
             client = self._callers[service] = self.create_client(Trigger, service)
-        if not client.wait_for_service(0.5):
-            self.page.answer(f'{name}: nobody offers {client.srv_name}')
-            return
+        self._asked.append(Asked(name, client, time.monotonic()))
         self.page.answer(f'{name}: asked')
-        self._pending.append((name, client.call_async(Trigger.Request()), time.monotonic()))
+
+    def _settled(self, call: Asked) -> bool:
+        """Bring one call forward; True once it was answered or given up."""
+        waited = time.monotonic() - call.since
+        if call.future is None:
+            if call.client.service_is_ready():
+                call.future = call.client.call_async(Trigger.Request())
+            elif waited > DISCOVERY_S:
+                self.page.answer(f'{call.name}: nobody offers {call.client.srv_name}')
+                return True
+            return False
+        if call.future.done():
+            answer = call.future.result()
+            verdict = 'done' if answer.success else 'refused'
+            self.page.answer(
+                f'{call.name}: {verdict}{", " * bool(answer.message)}{answer.message}'
+            )
+            return True
+        if waited > SERVICE_TIMEOUT_S:
+            call.future.cancel()
+            self.page.answer(f'{call.name}: no answer within {SERVICE_TIMEOUT_S:g} s')
+            return True
+        return False
 
     def _diagnose(self) -> None:
         clients = len(self.page.server.get_clients())

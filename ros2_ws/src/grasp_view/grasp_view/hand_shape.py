@@ -7,7 +7,7 @@ p. 73-75; the finger's distal angle offset is the one its drivers use.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,22 +95,31 @@ def hand_bodies(fingers: Mapping[int, FingerAngles]) -> list[Body]:
     return bodies
 
 
-def finger_angles(names: list[str], positions: Floats) -> dict[int, FingerAngles]:
-    """Angles per finger from joint names that hold `finger_<n>` and `base`, `tip` or `spread`.
+_JOINTS = {
+    'spread': 'spread',
+    'inner': 'base',
+    'base': 'base',
+    'proximal': 'base',
+    'outer': 'tip',
+    'tip': 'tip',
+    'distal': 'tip',
+}
 
-    A joint `spread` without a finger counts for fingers 1 and 2. Fingers without a base joint
-    are left out; a tip joint that is missing follows the base at one third (the gears' ratio
-    before breakaway). Positions in rad.
+
+def finger_angles(names: Sequence[str], positions: Floats) -> dict[int, FingerAngles]:
+    """Angles per finger from joint names that hold `finger_<n>` and `inner` or `outer`.
+
+    `base`, `proximal`, `tip` and `distal` are understood too. A joint `spread` without a finger
+    counts for fingers 1 and 2. Fingers without an inner joint are left out; an outer joint that
+    is missing follows the inner one at one third (the gears' ratio before breakaway). Positions
+    in rad.
     """
     found: dict[tuple[int, str], float] = {}
     for name, position in zip(names, positions, strict=False):
         text = name.lower()
-        part = next(
-            (p for p in ('spread', 'tip', 'distal', 'base', 'proximal') if p in text), None
-        )
+        part = next((_JOINTS[word] for word in _JOINTS if word in text), None)
         if part is None or not np.isfinite(position):
             continue
-        part = {'distal': 'tip', 'proximal': 'base'}.get(part, part)
         numbers = [n for n in (1, 2, 3) if f'finger_{n}' in text or f'finger{n}' in text]
         for n in numbers or ((1, 2) if part == 'spread' else ()):
             found[n, part] = float(position)

@@ -149,9 +149,7 @@ class Page:
             self._friction = gui.add_slider('Friction coefficient', 0.05, 1.5, 0.05, 0.5)
         with gui.add_folder('Time'):
             self._live = gui.add_checkbox('Live', True, hint='Off: look back with the slider')
-            self._back = gui.add_slider(
-                'Seconds', -1.0, 0.0, 0.01, 0.0, disabled=True, hint='0: where Live was left'
-            )
+            self._back = gui.add_slider('Seconds', -1.0, 0.0, 0.01, 0.0, disabled=True)
             self._left_at = 0.0
         with gui.add_folder('Actions'):
             for name, (label, hint) in BUTTONS.items():
@@ -177,7 +175,7 @@ class Page:
         picture = client.get_render(900, 1200, transport_format='png')
         stream = io.BytesIO()
         Image.fromarray(picture).save(stream, format='PNG')
-        client.send_file_download('grasp.png', stream.getvalue())
+        client.send_file_download('grasp.png', stream.getvalue(), save_immediately=True)
 
     def answer(self, text: str) -> None:
         """Show what came of the last command."""
@@ -202,6 +200,11 @@ class Page:
             self._cones.value,
             float(self._friction.value),
         )
+
+    @property
+    def live(self) -> bool:
+        """False while the visitor looks back in time."""
+        return bool(self._live.value)
 
     @property
     def watched(self) -> bool:

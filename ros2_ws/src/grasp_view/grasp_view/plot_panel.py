@@ -51,12 +51,15 @@ class PlotPanel:
         with panel.add_tab('Over time'):
             for plot in PLOTS:
                 unknown = (False,) * len(plot.series)
-                empty = np.zeros(1)
+                empty = np.array([-series.span])
                 handle = server.gui.add_uplot(
-                    (empty, *(empty for _ in plot.series)),
+                    (empty, *(np.zeros(1) for _ in plot.series)),
                     _lines(plot, unknown),
                     title=plot.title,
-                    scales={'x': uplot.Scale(time=False, auto=True), 'y': uplot.Scale(auto=True)},
+                    scales={
+                        'x': uplot.Scale(time=False, range=(-series.span, 0.0)),
+                        'y': uplot.Scale(auto=True),
+                    },
                     height=150,
                 )
                 self._handles.append((plot, handle))
@@ -66,7 +69,8 @@ class PlotPanel:
         """Bring the diagrams up to date."""
         for plot, handle in self._handles:
             time, *columns = self._series.columns(tuple(plot.series), ROWS)
-            data, shown = plottable(time, columns, plot.factor)
+            # Seconds before now: the diagram's window stands still while the lines move.
+            data, shown = plottable(time - time[-1:].sum(), columns, plot.factor)
             if not len(data[0]):
                 continue
             if shown != self._shown[plot.title]:

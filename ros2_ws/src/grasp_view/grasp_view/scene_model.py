@@ -1,7 +1,8 @@
 """What the page knows of the grasp at one instant, and what it draws of it.
 
-All lengths in m, forces in N, in the object's frame unless a frame is named. Surfaces are the
-shell's middle surface, as published.
+All lengths in m, forces in N. The scene's frame is that of the served surface: the contacts' by
+default, the object's if the `deformation` node is told so. Surfaces are the shell's middle
+surface, as published.
 """
 
 from __future__ import annotations
@@ -94,6 +95,13 @@ class Snapshot:
     object_pose: Pose = field(default_factory=Pose)
     hand_frame: str = 'hand_base'
 
+    def in_scene(self, frame: str) -> Pose:
+        """Where `frame` lies in the scene; every frame but the hand's counts as the object's."""
+        scene = self.served.frame if self.served is not None else 'object'
+        if (frame == self.hand_frame) == (scene == self.hand_frame):
+            return Pose()
+        return self.object_pose.inverse if frame == self.hand_frame else self.object_pose
+
     def surface(self, shape: Shape) -> Surface | None:
         """The named answer, if it fits the mesh."""
         found = {'served': self.served, 'linear': self.linear, 'nonlinear': self.nonlinear}[shape]
@@ -139,7 +147,7 @@ def values_of(snapshot: Snapshot, quantity: Quantity, shape: Shape) -> Floats | 
     error = snapshot.scan_error
     if error is None or error.distance is None or not len(error.points):
         return None
-    points = points_in_object(snapshot, error.frame, error.points)
+    points = snapshot.in_scene(error.frame).points(error.points)
     return vertex_scan_error(deformed(snapshot, surface), points, error.distance) * quantity.factor
 
 
@@ -162,18 +170,6 @@ def vertex_scan_error(vertices: Floats, points: Floats, distance: Floats) -> Flo
     total = weight.sum(axis=1)
     mean = (weight * size[index]).sum(axis=1) / np.maximum(total, 1.0)
     return np.where(total > 0, mean, np.nan)
-
-
-def points_in_object(snapshot: Snapshot, frame: str, points: Floats) -> Floats:
-    """Points (n, 3) of `frame` in the object's frame; only the hand's frame differs from it."""
-    return snapshot.object_pose.inverse.points(points) if frame == snapshot.hand_frame else points
-
-
-def vectors_in_object(snapshot: Snapshot, frame: str, vectors: Floats) -> Floats:
-    """Directions (n, 3) of `frame` in the object's frame."""
-    return (
-        snapshot.object_pose.inverse.vectors(vectors) if frame == snapshot.hand_frame else vectors
-    )
 
 
 @dataclass(frozen=True)
@@ -202,8 +198,8 @@ def arrows(snapshot: Snapshot, metres_per_newton: float) -> list[Arrow]:
     contacts = snapshot.contacts
     if contacts is None:
         return []
-    points = points_in_object(snapshot, contacts.frame, contacts.points)
-    forces = vectors_in_object(snapshot, contacts.frame, contacts.forces)
+    points = snapshot.in_scene(contacts.frame).points(contacts.points)
+    forces = snapshot.in_scene(contacts.frame).vectors(contacts.forces)
     made = []
     for k in range(len(points)):
         if not (np.isfinite(points[k]).all() and np.isfinite(forces[k]).all()):
@@ -229,8 +225,8 @@ def friction_cones(snapshot: Snapshot, coefficient: float, length: float) -> Flo
     contacts = snapshot.contacts
     if contacts is None:
         return np.zeros((0, 2, 3))
-    points = points_in_object(snapshot, contacts.frame, contacts.points)
-    normals = vectors_in_object(snapshot, contacts.frame, contacts.normals)
+    points = snapshot.in_scene(contacts.frame).points(contacts.points)
+    normals = snapshot.in_scene(contacts.frame).vectors(contacts.normals)
     angles = np.linspace(0.0, 2 * np.pi, 17)[:-1]
     segments = []
     for k in np.flatnonzero(contacts.flags & CONTACT):

@@ -28,7 +28,6 @@ from .scene_model import (
     friction_cones,
     largest,
     level_lines,
-    points_in_object,
     surface_colours,
     values_of,
 )
@@ -93,7 +92,7 @@ class SceneView:
         self._bodies: dict[str, viser.BoxHandle] = {}
         self._labels: list[viser.LabelHandle] = []
         self._drawn: dict[str, object] = {}
-        self._aimed = False
+        self._aimed: Floats | None = None
 
     def _changed(self, part: str, *what: object) -> bool:
         """Whether any object behind `part` is another one than at the last call."""
@@ -109,9 +108,9 @@ class SceneView:
         self._drawn[part] = what
         return not same
 
-    def forget(self) -> None:
-        """Send everything again at the next call."""
-        self._drawn.clear()
+    @staticmethod
+    def _frame(snapshot: Snapshot) -> str:
+        return '' if snapshot.served is None else snapshot.served.frame
 
     def draw(self, snapshot: Snapshot, options: ViewOptions) -> Legend:
         """Bring the browsers up to date; returns the scale now on the surface."""
@@ -153,8 +152,7 @@ class SceneView:
         self._show(unlit_glb(vertices, snapshot.mesh.triangles, RENDERER_TABLE[index]))
         self._show_mesh_lines(vertices, snapshot, options)
         step = self._show_depth_lines(vertices, snapshot.mesh, surface, options)
-        if not self._aimed:
-            self._aim(vertices)
+        self._aim(vertices)
         self._legend = Legend(quantity, top, most, step)
         return self._legend
 
@@ -220,9 +218,12 @@ class SceneView:
         self._lines.visible = True
 
     def _aim(self, vertices: Floats) -> None:
-        self._aimed = True
+        """Look at the object: at first, and when it turns up somewhere else."""
         middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
         reach = float(np.ptp(vertices, axis=0).max())
+        if self._aimed is not None and np.linalg.norm(middle - self._aimed) < reach:
+            return
+        self._aimed = middle
         position = middle + reach * np.array([1.35, -1.65, 0.95])
         camera = self._server.initial_camera
         camera.position = tuple(position)
@@ -250,7 +251,11 @@ class SceneView:
 
     def _draw_contacts(self, snapshot: Snapshot, options: ViewOptions) -> None:
         if not self._changed(
-            'contacts', snapshot.contacts, snapshot.object_pose, options.contacts
+            'contacts',
+            snapshot.contacts,
+            snapshot.object_pose,
+            self._frame(snapshot),
+            options.contacts,
         ):
             return
         shown = arrows(snapshot, METRES_PER_NEWTON) if options.contacts else []
@@ -291,7 +296,7 @@ class SceneView:
             self._hide(self._cones)
             self._drawn.pop('cones', None)
             return
-        if not self._changed('cones', snapshot.contacts, options.friction):
+        if not self._changed('cones', snapshot.contacts, self._frame(snapshot), options.friction):
             return
         segments = friction_cones(snapshot, options.friction, 0.02) * SCALE
         if self._cones is not None:
@@ -311,9 +316,9 @@ class SceneView:
             self._drawn.pop('scan', None)
             return
         top = legend.top if error else 0.0
-        if not self._changed('scan', cloud, snapshot.object_pose, top):
+        if not self._changed('scan', cloud, snapshot.object_pose, self._frame(snapshot), top):
             return
-        points = points_in_object(snapshot, cloud.frame, cloud.points) * SCALE
+        points = snapshot.in_scene(cloud.frame).points(cloud.points) * SCALE
         if error and cloud.distance is not None:
             colours = TABLE[colour_index(np.abs(cloud.distance) * 1e3, 0.0, top)]
         else:
@@ -329,19 +334,20 @@ class SceneView:
         )
 
     def _draw_hand(self, snapshot: Snapshot, options: ViewOptions) -> None:
-        if not self._changed('hand', snapshot.fingers, snapshot.object_pose, options.hand):
+        if not self._changed(
+            'hand', snapshot.fingers, snapshot.object_pose, self._frame(snapshot), options.hand
+        ):
             return
         bodies = hand_bodies(snapshot.fingers) if options.hand and snapshot.fingers else []
-        place = snapshot.object_pose.inverse
+        place = snapshot.in_scene(snapshot.hand_frame)
         for body in bodies:
             pose: Pose = place.after(body.pose)
             handle = self._bodies.get(body.name)
             if handle is None:
                 self._bodies[body.name] = handle = self._scene.add_box(
                     f'/hand/{body.name}',
-                    color=(150, 155, 165),
+                    color=(205, 208, 214),
                     dimensions=np.array(body.size) * SCALE,
-                    opacity=0.45,
                     cast_shadow=False,
                     receive_shadow=False,
                 )

@@ -1,0 +1,387 @@
+"""The project's pictures again: `make pictures`, or `make_pictures.py --only squeeze force`.
+
+squeeze: the ball between two fingers, nonlinear beside linear, from our own solver (GIF).
+force: force over displacement of each theory beside the published rows.
+report, view: screenshots of the report and of the live page while the recorded ball is replayed;
+they need the recording in `bags/` and a Chromium.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.spatial import cKDTree
+
+from grasp_replay.report.camera import Camera, faces_viewer, painter_order
+from grasp_replay.report.section import level_lines
+from shell_deform.building import build_model, object_contacts
+from shell_deform.objects import load_object
+from shell_deform.solve.equilibrium import displaced, forced
+from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+
+Array = NDArray[np.float64]
+ROOT = Path(__file__).resolve().parent.parent
+PICTURES = ROOT / 'docs' / 'pictures'
+BALL = 'tennis_ball'
+BAG = ROOT / 'bags' / 'tennis_ball_two_finger'
+STEPS = 20
+DEEPEST_M = 10.27e-3
+MILLI = 1e3
+NONLINEAR, LINEAR, REST = '#00457c', '#c05a00', '#909090'
+BROWSER_FLAGS = (
+    '--headless',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--disable-quic',
+    '--no-first-run',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-sync',
+    '--use-gl=angle',
+    '--use-angle=swiftshader',
+    '--enable-unsafe-swiftshader',
+)
+
+
+@dataclass(frozen=True)
+class Squeeze:
+    """A ball squeezed in steps: force per finger (s,) N, own displacement (s,) m, outer faces.
+
+    triangles (t, 3); shapes (s, v, 3) m.
+    """
+
+    force: Array
+    displacement: Array
+    triangles: NDArray[np.int32]
+    shapes: Array
+
+
+class _Skin:
+    """Where the outer face is sampled: nine small triangles per control triangle."""
+
+    def __init__(self, model: object, parts: int = 3) -> None:
+        surface = model.surface  # type: ignore[attr-defined]
+        mesh = surface.mesh
+        grid = [(i, j) for i in range(parts + 1) for j in range(parts + 1 - i)]
+        number = {place: k for k, place in enumerate(grid)}
+        small = [
+            (number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in grid if i + j < parts
+        ] + [
+            (number[i + 1, j], number[i + 1, j + 1], number[i, j + 1])
+            for i, j in grid
+            if i + j < parts - 1
+        ]
+        count = len(mesh.triangles)
+        self.surface = surface
+        self.triangle = np.repeat(np.arange(count), len(grid))
+        self.parameters = np.tile(np.array(grid, dtype=np.float64) / parts, (count, 1))
+        self.triangles = (
+            np.array(small)[None] + len(grid) * np.arange(count)[:, None, None]
+        ).reshape(-1, 3)
+
+    def outer(self, positions: Array, thickness: float) -> Array:
+        found = self.surface.evaluate(positions, self.triangle, self.parameters)
+        return found.position + 0.5 * thickness * found.normal
+
+
+def squeeze(theory: str, values: Sequence[float], by_force: bool) -> Squeeze:
+    """Solve the ball for displacements (m) or forces (N) of both contacts."""
+    ball = load_object(BALL)
+    model = build_model(ball, theory)
+    contacts = object_contacts(ball, model)
+    solver = EquilibriumSolver(model, NewtonOptions())
+    skin = _Skin(model)
+    state = solver.rest()
+    forces, moved, shapes = [0.0], [0.0], [skin.outer(state.positions, ball.thickness_m)]
+    for value in values:
+        case = (forced if by_force else displaced)(contacts, [value] * len(contacts))
+        state = solver.solve(case, state)
+        if not state.converged:
+            raise RuntimeError(f'{theory}: no equilibrium at {value:g}: {state.message}')
+        forces.append(float(np.mean(state.force)))
+        moved.append(float(np.mean(state.displacement)))
+        shapes.append(skin.outer(state.positions, ball.thickness_m))
+    return Squeeze(
+        np.array(forces), np.array(moved), skin.triangles.astype(np.int32), np.array(shapes)
+    )
+
+
+def _figure(width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height), dpi=100)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _pixels(figure: Figure) -> Image.Image:
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+
+
+def _palette() -> NDArray[np.uint8]:
+    """One palette (n, 3) for all frames: cividis, greys, the curves' two colours."""
+    bar = np.round(colormaps['cividis'](np.linspace(0, 1, 190))[:, :3] * 255)
+    grey = np.repeat(np.linspace(0, 255, 48)[:, None], 3, axis=1)
+    lines = [[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in (NONLINEAR, LINEAR)]
+    return np.concatenate([bar, grey, lines]).astype(np.uint8)
+
+
+def _indexed(picture: Image.Image, palette: NDArray[np.uint8]) -> Image.Image:
+    """The picture in the palette's colours, nearest ones, without dithering."""
+    pixels = np.asarray(picture)
+    colours, where = np.unique(pixels.reshape(-1, 3), axis=0, return_inverse=True)
+    nearest = cKDTree(palette.astype(float)).query(colours)[1].astype(np.uint8)
+    image = Image.fromarray(nearest[where.ravel()].reshape(pixels.shape[:2]), 'P')
+    image.putpalette(palette.tobytes())
+    return image
+
+
+def _camera() -> Camera:
+    toward = np.array([0.62, -0.70, 0.36])
+    toward /= np.linalg.norm(toward)
+    right = np.cross([0.0, 0.0, 1.0], toward)
+    right /= np.linalg.norm(right)
+    return Camera(right, np.cross(toward, right), toward, np.zeros(3))
+
+
+def _draw_ball(axes: Axes, solved: Squeeze, step: int, scale: Normalize, title: str) -> None:
+    camera, vertices = _camera(), solved.shapes[step]
+    depth = np.linalg.norm(vertices - solved.shapes[0], axis=1) * MILLI
+    order = painter_order(camera, vertices, solved.triangles)
+    triangles = solved.triangles[order]
+    triangles = triangles[faces_viewer(camera, vertices, triangles)]
+    flat, _ = camera.project(vertices)
+    colours = colormaps['cividis'](scale(depth[triangles].mean(axis=1)))
+    axes.add_collection(
+        PolyCollection(
+            list(flat[triangles] * MILLI), facecolors=colours, edgecolors=colours, linewidths=0.4
+        )
+    )
+    for level in range(1, int(depth.max()) + 1):
+        lines = level_lines(vertices, triangles, depth, float(level))
+        ends, _ = camera.project(lines.reshape(-1, 3))
+        axes.add_collection(
+            LineCollection(
+                list(ends.reshape(-1, 2, 2) * MILLI), colors='white', linewidths=0.7, alpha=0.8
+            )
+        )
+    pole = 32.5e-3 - solved.displacement[step]
+    for side in (1.0, -1.0):
+        ends, near = camera.project(np.array([[side * (pole + 16e-3), 0, 0], [side * pole, 0, 0]]))
+        axes.annotate(
+            '',
+            tuple(ends[1] * MILLI),
+            tuple(ends[0] * MILLI),
+            zorder=5 if near[0] > 0 else 0,
+            arrowprops={'arrowstyle': '-|>', 'color': 'black', 'linewidth': 1.6},
+        )
+    axes.set(xlim=(-43, 43), ylim=(-38, 38), aspect='equal')
+    axes.set_axis_off()
+    axes.set_title(
+        f'{title}\n{solved.displacement[step] * MILLI:4.1f} mm', fontsize=11, family='monospace'
+    )
+
+
+def draw_squeeze() -> Path:
+    """The animated squeeze: the same force on the ball by nonlinear and by linear theory."""
+    nonlinear = squeeze('koiter', np.linspace(0, DEEPEST_M, STEPS + 1)[1:].tolist(), False)
+    linear = squeeze('linear', nonlinear.force[1:].tolist(), True)
+    scale = Normalize(0.0, 10.0, clip=True)
+    palette, frames = _palette(), []
+    # In, hold, out.
+    for step in [*range(STEPS + 1), *[STEPS] * 5, *range(STEPS - 2, 0, -2)]:
+        figure = _figure(9.0, 3.5)
+        for k, (solved, title) in enumerate(((nonlinear, 'nonlinear'), (linear, 'linear'))):
+            _draw_ball(figure.add_axes((0.31 * k, 0.0, 0.31, 0.86)), solved, step, scale, title)
+        axes = figure.add_axes((0.735, 0.17, 0.25, 0.68))
+        for solved, colour, style in ((nonlinear, NONLINEAR, '-'), (linear, LINEAR, '--')):
+            axes.plot(solved.displacement * MILLI, solved.force, style, color=colour, lw=1.2)
+            axes.plot(solved.displacement[step] * MILLI, solved.force[step], 'o', color=colour)
+        axes.set(xlim=(0, 10.5), ylim=(0, 1.08 * nonlinear.force.max()))
+        axes.set_xlabel('displacement (mm)', fontsize=9)
+        axes.set_title('force per finger (N)', fontsize=9)
+        axes.grid(alpha=0.3)
+        bar = figure.colorbar(
+            ScalarMappable(scale, 'cividis'), cax=figure.add_axes((0.635, 0.17, 0.012, 0.6))
+        )
+        bar.ax.set_title('mm', fontsize=9)
+        figure.text(0.31, 0.03, 'the same force on both', ha='center', fontsize=9)
+        frames.append(_indexed(_pixels(figure), palette))
+    path = PICTURES / 'squeeze.gif'
+    frames[0].save(
+        path, save_all=True, append_images=frames[1:], duration=90, loop=0, optimize=True
+    )
+    return path
+
+
+def _published() -> list[dict[str, float]]:
+    table = yaml.safe_load((ROOT / 'bags' / 'published' / 'table1.yaml').read_text())
+    return [row for row in table['rows'] if row['object'] == BALL]
+
+
+def draw_force() -> Path:
+    """Force over displacement of the ball: three theories, one modulus, the published rows."""
+    figure = _figure(7.5, 4.4)
+    axes = figure.add_axes((0.09, 0.13, 0.89, 0.84))
+    depths = np.linspace(0, 11e-3, 23)[1:].tolist()
+    for theory, colour, style in (
+        ('koiter', NONLINEAR, '-'),
+        ('paper', REST, '-.'),
+        ('linear', LINEAR, '--'),
+    ):
+        solved = squeeze(theory, depths, False)
+        axes.plot(
+            solved.displacement * MILLI,
+            solved.force,
+            style,
+            color=colour,
+            label=f'{theory} (ours)',
+        )
+    rows = _published()
+    axes.errorbar(
+        [row['measured_max_displacement_m'] * MILLI for row in rows],
+        [row['force_n'] for row in rows],
+        xerr=0.127,
+        fmt='s',
+        color='black',
+        capsize=2,
+        label='measured (published, Table I)',
+    )
+    axes.set(
+        xlabel='displacement of each contact (mm)',
+        ylabel='force per finger (N)',
+        xlim=(0, 11),
+        ylim=(0, 40),
+    )
+    axes.grid(alpha=0.3)
+    axes.legend()
+    path = PICTURES / 'force_displacement.png'
+    figure.savefig(path, metadata={'Software': None})
+    return path
+
+
+@contextlib.contextmanager
+def _browser(width: int, height: int) -> Iterator[object]:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        browser = play.chromium.launch(
+            executable_path=shutil.which('chromium'), args=list(BROWSER_FLAGS)
+        )
+        yield browser.new_page(viewport={'width': width, 'height': height})
+        browser.close()
+
+
+def draw_report() -> Path:
+    """The report of the recorded ball, as a browser shows it."""
+    path = PICTURES / 'report.png'
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run(
+            [str(Path(sys.executable).parent / 'grasp_report'), str(BAG), '--out', folder],
+            check=True,
+        )
+        with _browser(1200, 1500) as tab:
+            tab.goto((Path(folder) / 'report.html').as_uri())  # type: ignore[attr-defined]
+            tab.wait_for_selector('body.webgl')  # type: ignore[attr-defined]
+            tab.screenshot(path=path)  # type: ignore[attr-defined]
+    return path
+
+
+@contextlib.contextmanager
+def _processes(*commands: Sequence[str]) -> Iterator[None]:
+    environment = {
+        **os.environ,
+        'ROS_DOMAIN_ID': '93',
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    }
+    started = [
+        subprocess.Popen(
+            [str(Path(sys.executable).parent / command[0]), *command[1:]], env=environment
+        )
+        for command in commands
+    ]
+    try:
+        yield
+    finally:
+        for process in started:
+            process.send_signal(signal.SIGINT)
+        for process in started:
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+def draw_view(seconds: float = 20.0) -> Path:
+    """The live page while the recorded ball is replayed through the real nodes."""
+    with socket.socket() as free:
+        free.bind(('127.0.0.1', 0))
+        port = str(free.getsockname()[1])
+    path = PICTURES / 'view.png'
+    with (
+        _processes(
+            ['deformation', '--ros-args', '-p', f'object:={BALL}'],
+            ['scan_compare', '--ros-args', '-p', f'object:={BALL}'],
+            ['grasp_view', '--ros-args', '-p', f'port:={port}'],
+            ['replay', str(BAG), '--delay', '10'],
+        ),
+        _browser(1280, 860) as tab,
+    ):
+        deadline = time.monotonic() + 30
+        while True:
+            try:
+                tab.goto(f'http://127.0.0.1:{port}')  # type: ignore[attr-defined]
+                break
+            except Exception:
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.2)
+        tab.wait_for_timeout(1000 * (10 + seconds))  # type: ignore[attr-defined]
+        tab.screenshot(path=path)  # type: ignore[attr-defined]
+    return path
+
+
+DRAWERS = {'squeeze': draw_squeeze, 'force': draw_force, 'report': draw_report, 'view': draw_view}
+NEED_RECORDING = ('report', 'view')
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw all pictures, or those named."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--only', nargs='+', choices=DRAWERS, default=list(DRAWERS))
+    chosen = parser.parse_args(arguments).only
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    for name in chosen:
+        if name in NEED_RECORDING and not (shutil.which('chromium') and BAG.is_dir()):
+            print(f'{name}: left out, it needs chromium and {BAG.relative_to(ROOT)}')
+            continue
+        path = DRAWERS[name]()
+        print(f'{path.relative_to(ROOT)}: {path.stat().st_size / 1e3:.0f} kB')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,5 +1,8 @@
 """Small shells that several test files squeeze."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
@@ -9,6 +12,8 @@ from shell_deform.model import ShellModel
 from shell_deform.surface.control_mesh import control_mesh, moved
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.theory.material import Material
+
+sys.path.insert(0, str(Path(__file__).parent))
 
 
 def sphere_mesh(radius, subdivisions):

@@ -1,0 +1,153 @@
+"""The response of a loaded shell about one equilibrium, condensed to a few inputs.
+
+The fast tick may not solve the full system, so the background process does it once per state: it
+factorises the tangent there and keeps what a handful of inputs do to the surface:
+
+    push      extra force [N] along the axis of each contact,
+    lateral   motion [m] of each held patch along its two lateral directions (slip, pin mounting),
+    rigid     amplitude of each rigid motion that neither supports nor held contacts prevent,
+    modulus   relative change of Young's modulus, loads unchanged.
+
+and what they do to the outputs: displacement of each contact centre along its axis, lateral
+reactions of the held patches, generalised reactions of the rigid motions (zero in equilibrium).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.loads import ContactPatch
+from shell_deform.model import ShellModel, Tangent
+from shell_deform.solve.factor import Factor
+from shell_deform.solve.factor_bordered import BorderedFactor
+from shell_deform.supports import free_rigid_modes
+
+Array = NDArray[np.float64]
+
+HELD_ROWS = 3
+LATERAL_ROWS = 2
+
+
+@dataclass(frozen=True)
+class ContactRows:
+    """Dense rows of one set of k contacts over the N = 3 n control coordinates.
+
+    Attributes:
+        push: (N, k) nodal forces of unit pushes. measure: (N, k) centre displacements.
+        held: (N, 3 k) two lateral motions and the spin of every patch.
+        left: (N, r) orthonormal rigid motions that nothing prevents.
+    """
+
+    push: Array
+    measure: Array
+    held: Array
+    left: Array
+
+    @property
+    def contacts(self) -> int:
+        """Number k of contacts."""
+        return int(self.push.shape[1])
+
+    @property
+    def constraints(self) -> Array:
+        """(N, 3 k + r) all constraint columns."""
+        return np.concatenate([self.held, self.left], axis=1)
+
+    @property
+    def lateral_columns(self) -> NDArray[np.int64]:
+        """Which constraint columns are lateral motions, contact by contact: (2 k,)."""
+        first = HELD_ROWS * np.arange(self.contacts)
+        return (first[:, None] + np.arange(LATERAL_ROWS)).ravel()
+
+
+def contact_rows(model: ShellModel, patches: tuple[ContactPatch, ...]) -> ContactRows:
+    """Rows of a set of contacts on `model`."""
+    size = 3 * len(model.rest)
+    push = np.zeros((size, len(patches)))
+    measure = np.zeros((size, len(patches)))
+    held = np.zeros((size, HELD_ROWS * len(patches)))
+    for i, patch in enumerate(patches):
+        push[:, i] = patch.force_pattern(patch.axis).reshape(-1)
+        measure[:, i] = patch.displacement_row().reshape(-1)
+        held[:, HELD_ROWS * i : HELD_ROWS * (i + 1)] = patch.held_rows().reshape(HELD_ROWS, -1).T
+    return ContactRows(push, measure, held, free_rigid_modes(model.free_modes, held))
+
+
+@dataclass(frozen=True)
+class Condensed:
+    """Columns and outputs for unit inputs, ordered push (k), lateral (2 k), rigid (r), modulus.
+
+    Attributes:
+        fields: (N, j) motion of the control points.
+        displacement: (k, j) motion of the contact centres along their axes.
+        reaction: (2 k, j) lateral forces of the fingers on the patches.
+        rigid_reaction: (r, j) generalised forces that hold the rigid motions.
+    """
+
+    fields: Array
+    displacement: Array
+    reaction: Array
+    rigid_reaction: Array
+
+
+class CondensedSystem:
+    """The factorised tangent at one state with the constraints of one set of contacts."""
+
+    def __init__(self, factor: Factor, tangent: Tangent, rows: ContactRows) -> None:
+        """`factor` is that of `tangent.stiffness`; sealed gas enters as a rank-one update."""
+        self.rows = rows
+        gas = tangent.gas_stiffness
+        self._bordered = BorderedFactor(
+            factor,
+            borders=rows.constraints,
+            update_vectors=tangent.gas_row[:, None] if gas else None,
+            update_coefficients=np.array([gas]) if gas else None,
+        )
+        self.push_fields, self.push_multipliers = self.solve(
+            rows.push, np.zeros((rows.constraints.shape[1], rows.contacts))
+        )
+        self.compliance = rows.measure.T @ self.push_fields
+
+    def solve(self, loads: Array, prescribed: Array) -> tuple[Array, Array]:
+        """Motion (N,) or (N, m) and constraint multipliers for loads and constraint values."""
+        return self._bordered.solve(loads, prescribed)
+
+    @property
+    def negative_modes(self) -> int:
+        """Directions of negative stiffness among motions the constraints allow, forces dead."""
+        return max(0, self._bordered.inertia.negative - self.rows.constraints.shape[1])
+
+    def negative_modes_driven(self, driven: NDArray[np.bool_]) -> int:
+        """The same while the displacement of the `driven` (k,) contacts is prescribed.
+
+        Prescribing d displacements adds d constraints; by Haynsworth their Schur complement is
+        minus the compliance, so every negative compliance takes one negative mode away.
+        """
+        block = self.compliance[np.ix_(driven, driven)]
+        taken = int(np.sum(np.linalg.eigvalsh(0.5 * (block + block.T)) < 0)) if len(block) else 0
+        return max(0, self.negative_modes - taken)
+
+    def condense(self, elastic_force: Array) -> Condensed:
+        """Columns of all inputs; `elastic_force` (N,): elastic part of the gradient [N]."""
+        rows = self.rows
+        count = rows.contacts
+        constraints = rows.constraints.shape[1]
+        prescribed = np.concatenate(
+            [rows.lateral_columns, np.arange(HELD_ROWS * count, constraints)]
+        )
+        loads = np.zeros((len(elastic_force), len(prescribed) + 1))
+        loads[:, -1] = -elastic_force
+        below = np.zeros((constraints, len(prescribed) + 1))
+        below[prescribed, np.arange(len(prescribed))] = 1.0
+        fields, multipliers = self.solve(loads, below)
+        fields = np.concatenate([self.push_fields, fields], axis=1)
+        multipliers = np.concatenate([self.push_multipliers, multipliers], axis=1)
+        return Condensed(
+            fields=fields,
+            displacement=rows.measure.T @ fields,
+            reaction=-multipliers[rows.lateral_columns],
+            rigid_reaction=-multipliers[HELD_ROWS * count :],
+        )

@@ -1,0 +1,130 @@
+"""The heavy part of the tick, compiled: displacement field, its sigma, and the packed message.
+
+One pass over the vertices writes x y z ux uy uz displacement sigma as float32 in the frame of the
+contacts. `serve_numpy` is the same in plain numpy: the oracle, and the fallback without numba.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.compiled import HAVE_NUMBA
+
+Array = NDArray[np.float64]
+
+FIELDS = ('x', 'y', 'z', 'ux', 'uy', 'uz', 'displacement', 'sigma')
+
+
+def serve_numpy(
+    rest: Array,
+    surface: Array,
+    normals: Array,
+    columns: Array,
+    inputs: Array,
+    root: Array,
+    curvature: Array,
+    step_squared: float,
+    rotation: Array,
+    translation: Array,
+    pose_root: Array,
+    packed: NDArray[np.float32],
+) -> float:
+    """Fill `packed` (n, 8); returns the largest displacement [m].
+
+    Args:
+        rest, surface, normals: (n, 3) undeformed and last equilibrium [m], unit normals.
+        columns: (n, 3, j) motion per unit input. inputs: (j,) away from the equilibrium.
+        root: (j, i) root of the inputs' covariance. curvature: (n,) [1/m], with `step_squared`
+            [m^2] the error of the linear step. rotation, translation: object to contacts.
+        pose_root: (6, i) root of the covariance of the pose (translation, rotation vector).
+    """
+    position = surface + columns @ inputs
+    moved = position - rest
+    along = np.einsum('ni,nij->nj', normals, columns) @ root
+    lever = np.concatenate([normals, np.cross(position, normals)], axis=1) @ pose_root
+    variance = (
+        np.einsum('nj,nj->n', along, along)
+        + (curvature * step_squared) ** 2
+        + np.einsum('nj,nj->n', lever, lever)
+    )
+    packed[:, 0:3] = position @ rotation.T + translation
+    packed[:, 3:6] = moved @ rotation.T
+    size = np.linalg.norm(moved, axis=1)
+    packed[:, 6] = size
+    packed[:, 7] = np.sqrt(variance)
+    return float(size.max())
+
+
+if HAVE_NUMBA:
+    from shell_deform.compiled import compiled
+
+    @compiled
+    def _serve(
+        rest: Any,
+        surface: Any,
+        normals: Any,
+        columns: Any,
+        inputs: Any,
+        root: Any,
+        curvature: Any,
+        step_squared: Any,
+        rotation: Any,
+        translation: Any,
+        pose_root: Any,
+        packed: Any,
+    ) -> float:
+        largest = 0.0
+        count = inputs.shape[0]
+        roots = root.shape[1]
+        pose_roots = pose_root.shape[1]
+        along = np.empty(count)
+        for v in range(rest.shape[0]):
+            px, py, pz = surface[v, 0], surface[v, 1], surface[v, 2]
+            nx, ny, nz = normals[v, 0], normals[v, 1], normals[v, 2]
+            for j in range(count):
+                cx, cy, cz = columns[v, 0, j], columns[v, 1, j], columns[v, 2, j]
+                px += cx * inputs[j]
+                py += cy * inputs[j]
+                pz += cz * inputs[j]
+                along[j] = nx * cx + ny * cy + nz * cz
+            error = curvature[v] * step_squared
+            variance = error * error
+            for i in range(roots):
+                # The root of a covariance is lower triangular.
+                part = 0.0
+                for j in range(i, count):
+                    part += along[j] * root[j, i]
+                variance += part * part
+            if pose_roots > 0:
+                tx, ty, tz = py * nz - pz * ny, pz * nx - px * nz, px * ny - py * nx
+                for i in range(pose_roots):
+                    part = (
+                        nx * pose_root[0, i]
+                        + ny * pose_root[1, i]
+                        + nz * pose_root[2, i]
+                        + tx * pose_root[3, i]
+                        + ty * pose_root[4, i]
+                        + tz * pose_root[5, i]
+                    )
+                    variance += part * part
+            ux, uy, uz = px - rest[v, 0], py - rest[v, 1], pz - rest[v, 2]
+            size = np.sqrt(ux * ux + uy * uy + uz * uz)
+            if size > largest:
+                largest = size
+            for a in range(3):
+                r0, r1, r2 = rotation[a, 0], rotation[a, 1], rotation[a, 2]
+                packed[v, a] = r0 * px + r1 * py + r2 * pz + translation[a]
+                packed[v, 3 + a] = r0 * ux + r1 * uy + r2 * uz
+            packed[v, 6] = size
+            packed[v, 7] = np.sqrt(variance)
+        return float(largest)
+
+    def serve(*arguments: Any) -> float:
+        """`serve_numpy`, compiled; `root` must be lower triangular."""
+        return float(_serve(*arguments))
+
+else:  # pragma: no cover - numba is there in every locked environment
+    serve = serve_numpy

@@ -1,0 +1,268 @@
+"""Following an equilibrium while its load case changes a little at a time.
+
+The factorised tangent of the last state serves the chord iterations to the next one, and the
+tangent that the condensed columns need there anyway becomes the factor of the step after: one
+factorisation per refresh. A step the chord does not carry is halved, with a new tangent each time
+a part of it is reached.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.live.condensed import Condensed, CondensedSystem, ContactRows
+from shell_deform.model import ShellModel, Tangent
+from shell_deform.solve.factor import Factor
+from shell_deform.solve.newton import EquilibriumSolver
+
+Array = NDArray[np.float64]
+
+SMALLEST_STEP = 1.0 / 256.0
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is prescribed at the k contacts and the r free rigid motions.
+
+    Attributes:
+        force: (k,) push [N], read where the contact is not driven.
+        displacement: (k,) centre displacement [m], read where it is driven.
+        driven: (k,) whether the displacement is prescribed.
+        rigid: (r,) amplitudes of the free rigid motions.
+        held: (3 k,) lateral motions and spin at which the patches are held.
+    """
+
+    force: Array
+    displacement: Array
+    driven: NDArray[np.bool_]
+    rigid: Array
+    held: Array
+
+
+@dataclass(frozen=True)
+class State:
+    """An equilibrium of the shell.
+
+    Attributes:
+        moved: (N,) displacement of the control points. force: (k,) pushes [N].
+        multipliers: (3 k + r,) of the constraints. energy: [J].
+        residual: unbalanced force relative to the loads.
+    """
+
+    moved: Array
+    force: Array
+    multipliers: Array
+    energy: float
+    residual: float
+
+
+@dataclass(frozen=True)
+class TrackingOptions:
+    """How hard to try.
+
+    Attributes:
+        residual: relative residual force that ends the iterations.
+        step: or a last correction below this share of the wall thickness.
+        iterations: chord iterations per step. contraction: slower than this ends a step.
+        tangents: at most so many new tangents per advance.
+        largest_move: correction in wall thicknesses beyond which a step is halved.
+    """
+
+    residual: float = 1e-7
+    step: float = 2e-5
+    iterations: int = 12
+    contraction: float = 0.6
+    tangents: int = 8
+    largest_move: float = 4.0
+
+
+class EquilibriumTracker:
+    """One shell, its present state, and the factorised tangent there."""
+
+    def __init__(self, model: ShellModel, options: TrackingOptions | None = None) -> None:
+        self.model = model
+        self.options = options or TrackingOptions()
+        self._solver = EquilibriumSolver(model)
+        self._wall = float(model.shell.thickness.max())
+        self._noise_force = 1e-7 * float(model.shell.membrane[:, 0, 0].max()) * self._wall
+        self._tangent: Tangent | None = None
+        self._system: CondensedSystem | None = None
+        self.factorisations = 0
+        self.iterations = 0
+        self.message = ''
+        self._rest: tuple[Tangent, Factor] | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the undeformed state without contacts."""
+        size = 3 * len(self.model.rest)
+        empty = np.zeros(0)
+        self.state = State(np.zeros(size), empty, empty, 0.0, 0.0)
+        self.rows: ContactRows | None = None
+        self._fresh = False
+        self._tangent = None
+        self._system = None
+
+    @property
+    def positions(self) -> Array:
+        """(n, 3) control points of the present state."""
+        return self.model.rest + self.state.moved.reshape(-1, 3)
+
+    def set_contacts(self, rows: ContactRows, force: Array) -> None:
+        """Continue from the present shape with another set of contacts and these pushes [N]."""
+        self.rows = rows
+        count = rows.constraints.shape[1]
+        self.state = State(
+            self.state.moved,
+            np.asarray(force, float),
+            np.zeros(count),
+            self.state.energy,
+            self.state.residual,
+        )
+        self._system = None
+
+    def forget_tangent(self) -> None:
+        """The state was replaced: its tangent is another one."""
+        self._fresh = False
+        self._renew()
+
+    def rest_system(self, positions: Array, rows: ContactRows) -> CondensedSystem:
+        """Factorised tangent at the unloaded `positions` (n, 3), kept for later contacts."""
+        if self._rest is None:
+            tangent = self.model.tangent(positions)
+            self._rest = tangent, self._solver.factor(tangent.stiffness)
+        return CondensedSystem(self._rest[1], self._rest[0], rows)
+
+    def here(self, driven: NDArray[np.bool_]) -> Target:
+        """The present values of everything that can be prescribed."""
+        rows = self._rows()
+        values = rows.constraints.T @ self.state.moved
+        split = rows.held.shape[1]
+        return Target(
+            self.state.force,
+            rows.measure.T @ self.state.moved,
+            driven,
+            values[split:],
+            values[:split],
+        )
+
+    def system(self) -> CondensedSystem:
+        """The factorised tangent at the present state."""
+        if self._system is None:
+            if self._tangent is None:
+                self._tangent = self.model.tangent(self.positions)
+                self._factor = self._solver.factor(self._tangent.stiffness)
+                self._fresh = True
+                self.factorisations += 1
+            self._system = CondensedSystem(self._factor, self._tangent, self._rows())
+        return self._system
+
+    def condense(self) -> Condensed:
+        """Columns about the present state, from a tangent taken exactly there."""
+        self._renew()
+        system = self.system()
+        tangent = self._tangent
+        assert tangent is not None
+        return system.condense(tangent.gradient + tangent.gas_pressure * tangent.gas_row)
+
+    def advance(self, target: Target) -> float:
+        """Go towards `target` by as few steps as converge; returns the share that was reached.
+
+        A share below one leaves the tracker at an equilibrium on the way and says why in
+        `message`.
+        """
+        start = self.here(target.driven)
+        reached, step = 0.0, 1.0
+        budget = self.options.tangents
+        self.message = ''
+        while reached < 1.0:
+            trial = min(1.0, reached + step)
+            found = self._chord(_between(start, target, trial))
+            if found is not None:
+                self.state = found
+                self._fresh = False
+                reached = trial
+                step *= 1.5
+            elif self._fresh:
+                step = 0.5 * (trial - reached)
+            if reached < 1.0 and not self._fresh:
+                budget -= 1
+                self._renew()
+            if reached < 1.0 and (budget < 0 or step < SMALLEST_STEP):
+                self.message = self.message or 'the load case changes faster than the solver'
+                return reached
+        self.message = ''
+        return 1.0
+
+    def _rows(self) -> ContactRows:
+        assert self.rows is not None, 'set_contacts comes first'
+        return self.rows
+
+    def _renew(self) -> None:
+        """Ask for a tangent at the present state."""
+        if not self._fresh:
+            self._tangent = None
+            self._system = None
+
+    def _chord(self, target: Target) -> State | None:
+        """The state under `target` by chord iterations, or None."""
+        options, rows, system = self.options, self._rows(), self.system()
+        constraints = rows.constraints
+        driven = target.driven
+        inverse = np.linalg.pinv(system.compliance[np.ix_(driven, driven)])
+        prescribed = np.concatenate([target.held, target.rigid])
+        force = np.where(driven, self.state.force, target.force)
+        moved = self.state.moved
+        _, gradient = self.model.gradient(self.positions)
+        before = np.inf
+        for _ in range(options.iterations):
+            step, multipliers = system.solve(
+                rows.push @ force - gradient, prescribed - constraints.T @ moved
+            )
+            if driven.any():
+                missing = (target.displacement - rows.measure.T @ (moved + step))[driven]
+                more = np.zeros(len(force))
+                more[driven] = inverse @ missing
+                step = step + system.push_fields @ more
+                multipliers = multipliers + system.push_multipliers @ more
+                force = force + more
+            largest = float(np.abs(step).max(initial=0.0))
+            self.iterations += 1
+            if not largest < options.largest_move * self._wall:
+                self.message = f'an iteration moved the surface by {1e3 * largest:.1f} mm'
+                return None
+            if largest > options.contraction * before:
+                self.message = 'the iterations did not converge'
+                return None
+            before = largest
+            moved = moved + step
+            energy, gradient = self.model.gradient(self.model.rest + moved.reshape(-1, 3))
+            held = constraints @ multipliers
+            carried = rows.push @ force
+            scale = max(
+                float(np.linalg.norm(carried)), float(np.linalg.norm(held)), self._noise_force
+            )
+            residual = float(np.linalg.norm(gradient - carried + held)) / scale
+            if not np.isfinite(residual):
+                self.message = 'the surface folded onto itself'
+                return None
+            if residual < options.residual or largest < options.step * self._wall:
+                return State(moved, force, multipliers, energy, residual)
+        self.message = 'the iterations did not converge'
+        return None
+
+
+def _between(start: Target, end: Target, share: float) -> Target:
+    """Targets in proportion between two."""
+    return Target(
+        start.force + share * (end.force - start.force),
+        start.displacement + share * (end.displacement - start.displacement),
+        end.driven,
+        start.rigid + share * (end.rigid - start.rigid),
+        end.held
+        if len(start.held) != len(end.held)
+        else start.held + share * (end.held - start.held),
+    )

@@ -1,0 +1,179 @@
+"""A synthetic hand for tests of the live estimator: samples, messages, and a test node."""
+
+from __future__ import annotations
+
+import array
+import time
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Float64, String
+
+from shell_deform.live.sample import FLAG_CONTACT, ContactSample
+
+FIELDS = [
+    *((name, 'f4') for name in ('x', 'y', 'z', 'nx', 'ny', 'nz', 'fx', 'fy', 'fz')),
+    ('sigma_n', 'f4'),
+    ('radius', 'f4'),
+    ('finger', 'u1'),
+    ('flags', 'u1'),
+    ('pad', 'u2'),
+    ('sigma_t', 'f4'),
+    ('travel', 'f4'),
+    ('sigma_travel', 'f4'),
+]
+ROW = np.dtype(FIELDS)
+CODES = {'f4': PointField.FLOAT32, 'u1': PointField.UINT8}
+
+
+def sample(
+    points,
+    normals,
+    forces,
+    travel=None,
+    stamp=1,
+    flags=FLAG_CONTACT,
+    fingers=None,
+    radius=1e-3,
+    sigma_n=0.05,
+):
+    """A `ContactSample`: outer points at rest (p, 3), inward normals, pushes [N], travel [m]."""
+    count = len(points)
+    normals = np.asarray(normals, float)
+    known = np.full(count, np.nan) if travel is None else np.asarray(travel, float)
+    return ContactSample(
+        stamp=stamp,
+        finger=np.arange(1, count + 1) if fingers is None else np.asarray(fingers),
+        flags=np.broadcast_to(np.asarray(flags), (count,)).astype(np.int64),
+        point=np.asarray(points, float) + np.nan_to_num(known)[:, None] * normals,
+        normal=normals,
+        force=np.asarray(forces, float)[:, None] * normals,
+        sigma_normal=np.full(count, sigma_n),
+        sigma_tangential=np.full(count, np.inf),
+        radius=np.full(count, radius),
+        travel=known,
+        sigma_travel=np.full(count, 2e-5),
+    )
+
+
+def opposed(forces, travel=None, outer_radius=0.0325, **options):
+    """Two fingers on the x axis of a ball, pushing towards each other."""
+    points = outer_radius * np.array([[1.0, 0, 0], [-1.0, 0, 0]])
+    return sample(points, -points / outer_radius, forces, travel, **options)
+
+
+def cloud(contacts: ContactSample, frame='hand_base') -> PointCloud2:
+    """The message of a sample, as the bridge sends it."""
+    rows = np.zeros(len(contacts.finger), ROW)
+    for i, axis in enumerate('xyz'):
+        rows[axis] = contacts.point[:, i]
+        rows['n' + axis] = contacts.normal[:, i]
+        rows['f' + axis] = contacts.force[:, i]
+    rows['sigma_n'], rows['radius'] = contacts.sigma_normal, contacts.radius
+    rows['finger'], rows['flags'] = contacts.finger, contacts.flags
+    rows['sigma_t'], rows['travel'] = contacts.sigma_tangential, contacts.travel
+    rows['sigma_travel'] = contacts.sigma_travel
+    message = PointCloud2(
+        height=1,
+        width=len(rows),
+        fields=[
+            PointField(name=name, offset=ROW.fields[name][1], datatype=CODES[code], count=1)
+            for name, code in FIELDS
+            if name != 'pad'
+        ],
+        point_step=ROW.itemsize,
+        row_step=ROW.itemsize * len(rows),
+        data=array.array('B', rows.tobytes()),
+    )
+    message.header.frame_id = frame
+    message.header.stamp.sec = int(contacts.stamp // 10**9)
+    message.header.stamp.nanosec = int(contacts.stamp % 10**9)
+    return message
+
+
+def packed(message: PointCloud2) -> np.ndarray:
+    """(n, 8) of a surface message."""
+    return np.frombuffer(message.data, np.float32).reshape(-1, 8)
+
+
+class Observer:
+    """Publishes contacts and keeps what `deformation` answers."""
+
+    def __init__(self) -> None:
+        rclpy.init()
+        self.node = rclpy.create_node('observer')
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.surfaces: list[PointCloud2] = []
+        self.linear: list[PointCloud2] = []
+        self.nonlinear: list[PointCloud2] = []
+        self.states: list[str] = []
+        self.diagnostics: dict[str, str] = {}
+        self.summary = ''
+        self.numbers: dict[str, float] = {}
+        self.contacts = self.node.create_publisher(PointCloud2, 'hand/contacts', 10)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        best = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
+        listen = self.node.create_subscription
+        listen(PointCloud2, 'deformation/surface', self.surfaces.append, best)
+        listen(PointCloud2, 'deformation/linear', self.linear.append, best)
+        listen(PointCloud2, 'deformation/nonlinear', self.nonlinear.append, best)
+        listen(String, 'deformation/state', lambda m: self.states.append(m.data), latched)
+        listen(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
+        for name in ('linearity', 'contradiction', 'max_displacement', 'nonlinear_age'):
+            listen(Float64, f'deformation/{name}', self._keeper(name), best)
+
+    def _keeper(self, name):
+        def keep(message):
+            self.numbers[name] = message.data
+
+        return keep
+
+    def _diagnosed(self, message: DiagnosticArray) -> None:
+        self.summary = message.status[0].message
+        self.diagnostics = {value.key: value.value for value in message.status[0].values}
+
+    def _handle(self) -> None:
+        """Take what has arrived, so that no queue grows while samples are sent."""
+        self.executor.spin_once(timeout_sec=0.001)
+        for _ in range(20):
+            self.executor.spin_once(timeout_sec=0.0)
+
+    @property
+    def state(self) -> str:
+        """The last published state."""
+        return self.states[-1] if self.states else ''
+
+    def send(self, contacts: ContactSample) -> None:
+        """Publish a sample."""
+        self.contacts.publish(cloud(contacts))
+
+    def spin(self, seconds: float = 0.0) -> None:
+        """Handle what has arrived, at least once, for `seconds`."""
+        deadline = time.monotonic() + seconds
+        while True:
+            self._handle()
+            if time.monotonic() >= deadline:
+                return
+
+    def stream(self, make, until, rate=100.0, timeout=30.0):
+        """Publish `make(i)` at `rate` [Hz] until `until()`; returns the number sent."""
+        start = time.monotonic()
+        sent = 0
+        while not until():
+            assert time.monotonic() - start < timeout, f'nothing after {timeout} s'
+            if time.monotonic() - start >= sent / rate:
+                self.send(make(sent))
+                sent += 1
+            self._handle()
+        return sent
+
+    def close(self) -> None:
+        """Leave ROS."""
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown()

@@ -71,6 +71,7 @@ def make_hand(values: Values, port: str, clock_ns: Callable[[], int]) -> Hand:
         baud=values['baud'],
         servo_sample_s=values['servo_sample_time'],
         breakaway=values['breakaway_feedback'],
+        temperature=values['temperature_feedback'],
         prefetch=values['poll_period'] == 0.0,
         guard=lambda line: guard_serial(line.fileno()),
     )

@@ -83,14 +83,14 @@ class TouchSettings:
     end_sigmas: float = 2.0
     begin_samples: int = 3
     end_samples: int = 10
-    memory: int = 600
+    memory: int = 150
 
 
 class TouchTracker:
     """First touch of one finger and the way of its pin along the normal since then.
 
-    The force passes its threshold late. So the last samples are remembered: touch is where the
-    force was last within its own noise, and the pin's way is counted from there.
+    The force passes its threshold late. So the last samples are remembered: touch is the corner
+    where the force began to rise with the pin's way, and travel is counted from there.
     """
 
     def __init__(self, settings: TouchSettings) -> None:
@@ -130,19 +130,40 @@ class TouchTracker:
         return self.touching
 
     def _find_origin(self, noise_n: float) -> None:
-        points = [point for point, _ in self._history]
-        forces = [force for _, force in self._history]
-        index = len(forces) - 1
-        # Means over a few samples: a single quiet reading inside the rise is not the touch.
-        while index > 0 and float(np.mean(forces[max(index - 4, 0) : index + 1])) > 0.5 * noise_n:
-            index -= 1
-        self._origin = points[index]
-        rise = length(points[-1] - points[index])
-        # The pin moved this far while the force rose to the threshold: touch lies within it.
-        self._origin_sigma_m = 0.5 * rise
+        """Fit "flat, then rising with the pin's way" to the last samples; touch is the corner."""
+        points = np.array([point for point, _ in self._history])
+        forces = np.array([force for _, force in self._history])
+        ways = -np.sqrt(np.sum((points - points[-1]) ** 2, axis=1))
+        corner, slope = _corner(ways, forces)
+        self._origin = points[corner]
+        rising = len(forces) - 1 - corner
+        span = -float(ways[corner])
+        if slope <= 0.0 or rising < 1:
+            self._origin_sigma_m = span
+            return
+        step = span / rising
+        self._origin_sigma_m = math.hypot(2.0 * noise_n / slope / math.sqrt(rising), step)
 
     def travel(self, point: Array, normal: Array) -> tuple[float, float]:
         """Way along the normal since touch and the uncertainty of its start, in m."""
         if self._origin is None:
             return 0.0, 0.0
         return float((point - self._origin) @ normal), self._origin_sigma_m
+
+
+def _corner(ways: Array, forces: Array) -> tuple[int, float]:
+    """Index at which a line that was flat begins to rise with the way, and that rise in N/m."""
+    count = len(forces)
+    flat = np.cumsum(forces) / np.arange(1, count + 1)
+    best = (math.inf, count - 1, 0.0)
+    for corner in range(count - 1):
+        rise = ways[corner + 1 :] - ways[corner]
+        above = forces[corner + 1 :] - flat[corner]
+        square = float(rise @ rise)
+        slope = float(rise @ above) / square if square > 0.0 else 0.0
+        before = forces[: corner + 1] - flat[corner]
+        left = above - slope * rise
+        error = float(before @ before + left @ left)
+        if slope > 0.0 and error < best[0]:
+            best = (error, corner, slope)
+    return best[1], best[2]

@@ -86,12 +86,17 @@ def fit_gauge(
     kind: str = 'cubic',
     degree: int = 3,
     zero: str = 'difference',
+    highest_count: int = 255,
 ) -> GaugeFit:
     """Fit one gauge: a polynomial of `degree`, or a table of the mean counts themselves.
+
+    Weighings whose noise reaches either end of the scale (0 to `highest_count`) are left out: a
+    clipped mean is not the gauge's.
 
     Raises:
         CalibrationError: too few weights, none without load, or a law that does not rise.
     """
+    weighings = [w for w in weighings if _unclipped(w, highest_count)]
     needed = degree + 2 if kind == 'cubic' else 3
     if len({round(w.torque_nm, 9) for w in weighings}) < needed:
         raise CalibrationError(f'{len(weighings)} weighings: this fit needs {needed} weights')
@@ -147,6 +152,11 @@ def fit_gauge(
     return GaugeFit(gauge, tuple(weighings), tuple(residuals))
 
 
+def _unclipped(weighing: Weighing, highest_count: int) -> bool:
+    margin = 3.0 * weighing.noise_counts + 0.5
+    return margin <= weighing.counts <= highest_count - margin
+
+
 def _polynomial(
     counts: Array, torque: Array, reference: float, span: float, degree: int
 ) -> tuple[tuple[float, ...], float]:
@@ -169,7 +179,12 @@ def _polynomial(
 
 
 def fit_hand(
-    table: Mapping[int, Sequence[Weighing]], *, kind: str, degree: int, zero: str
+    table: Mapping[int, Sequence[Weighing]],
+    *,
+    kind: str = 'cubic',
+    degree: int = 3,
+    zero: str = 'difference',
+    highest_count: int = 255,
 ) -> dict[int, GaugeFit]:
     """Fit every finger that has weighings.
 
@@ -181,7 +196,9 @@ def fit_hand(
         if not weighings:
             continue
         try:
-            fits[finger] = fit_gauge(weighings, kind=kind, degree=degree, zero=zero)
+            fits[finger] = fit_gauge(
+                weighings, kind=kind, degree=degree, zero=zero, highest_count=highest_count
+            )
         except CalibrationError as error:
             raise CalibrationError(f'finger {finger}: {error}') from error
     if not fits:

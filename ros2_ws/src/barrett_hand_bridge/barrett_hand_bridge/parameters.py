@@ -175,6 +175,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         2.0,
         length=7,
     ),
+    Parameter('temperature_feedback', False, 'ask for the temperature in every block'),
     Parameter('close_fingers', [1, 2], 'fingers that hand/close closes', 1, 3),
     Parameter('close_force', 5.0, 'force at which hand/close stops (N)', 0.1, 25.0, live=True),
     Parameter('torque_limit', 1.0, 'torque that ends any motion (N m)', 0.01, 1.5, live=True),

@@ -52,6 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             kind=options.kind,
             degree=options.degree,
             zero=options.zero,
+            highest_count=255 if options.hand == 'BH8-262' else 4095,
         )
         if options.plot is not None:
             _plot(fits, options.plot)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,20 +25,19 @@ def weighing_table(
 ) -> list[str]:
     """Lines of a CSV: every finger, the weights up and down again, mean and noise of the counts.
 
-    The session is another one than the measurement: same gauges, other noise.
+    The session is another one than the measurement: same gauges, warm, with other noise.
     """
     lines = ['finger,mass_kg,arm_m,counts,noise_counts']
     order = [*masses_kg, *list(masses_kg)[-2::-1]]
     streams = np.random.SeedSequence([seed, 7]).spawn(len(mechanics.gauges))
     for (finger, fitted), stream in zip(mechanics.gauges.items(), streams, strict=True):
-        gauge = StrainGauge(fitted.character, np.random.Generator(np.random.PCG64(stream)))
-        gauge.age_s = 7200.0
-        settled = gauge.drift_counts
+        warm = replace(fitted.character, warm_up_counts=0.0)
+        gauge = StrainGauge(warm, np.random.Generator(np.random.PCG64(stream)))
         for mass in order:
             counts = []
             for _ in range(readings):
                 gauge.step(mass * GRAVITY_M_PER_S2 * arm_m, STEP_S)
                 counts.append(gauge.counts)
-            mean = float(np.mean(counts)) - settled
+            mean = float(np.mean(counts))
             lines.append(f'{finger},{mass:g},{arm_m:g},{mean:.4f},{float(np.std(counts)):.4f}')
     return lines

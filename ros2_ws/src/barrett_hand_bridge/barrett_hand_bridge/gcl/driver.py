@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import serial
 
@@ -21,10 +22,10 @@ from barrett_hand_bridge.gcl.realtime import (
     HEADER_FEEDBACK,
     BlockError,
     Feedback,
-    Layout,
     decode_feedback,
     default_layout,
     encode_control,
+    temperature_bytes,
 )
 from barrett_hand_bridge.hand import (
     ENCODER_262,
@@ -70,7 +71,7 @@ class SerialHand:
         baud: int = 38400,
         servo_sample_s: float = 0.01,
         breakaway: bool = False,
-        temperature_bytes: int | None = None,
+        temperature: bool = False,
         prefetch: bool = True,
         guard: Callable[[Port], Guard] | None = None,
     ) -> None:
@@ -80,7 +81,7 @@ class SerialHand:
         last one is digested; commands then take effect one cycle later.
 
         `servo_sample_s`: the period to which the hand's velocities in counts per sample refer.
-        `temperature_bytes`: None leaves the temperature out of the blocks; 1 or 2 asks for it.
+        `temperature`: ask for it in every block.
         """
         if baud not in language.BAUD_RATES:
             raise HandError(f'baud {baud}: the hand knows 9600, 19200 and 38400')
@@ -91,9 +92,8 @@ class SerialHand:
         self._servo_sample_s = servo_sample_s
         self._line: Line | None = None
         layout = default_layout(breakaway=breakaway)
-        self.layout = Layout(
-            layout.motors, temperature_bytes or 0, velocity_coefficient=layout.velocity_coefficient
-        )
+        self.layout = layout
+        self._temperature = temperature
         self._prefetch = prefetch
         self._make_guard = guard
         self._guard: Guard | None = None
@@ -128,6 +128,8 @@ class SerialHand:
             line.find_speed(tuple(dict.fromkeys(speeds)))
             line.change_speed(self._baud)
             firmware = language.parse_firmware(line.command('VERS').values)
+            if self._temperature:
+                self.layout = replace(self.layout, temperature_bytes=temperature_bytes(firmware))
             serial_number = line.command('PGET SN').integers(1)[0]
             flips = line.command('GFGET SGFLIP').integers(3)
             self._flipped = {finger: bool(flips[finger - 1]) for finger in FINGERS}

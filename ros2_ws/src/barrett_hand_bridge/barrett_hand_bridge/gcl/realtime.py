@@ -132,6 +132,11 @@ def default_layout(*, breakaway: bool = False, velocity_coefficient: int = 8) ->
     )
 
 
+def temperature_bytes(firmware: tuple[int, int]) -> int:
+    """Size of the temperature in a block: the manuals of 4.3x and 4.4 differ."""
+    return 1 if firmware >= (4, 4) else 2
+
+
 def encode_control(layout: Layout, velocities: Mapping[int, float]) -> bytes:
     """Header and velocity commands in counts per servo sample; motors left out stand still.
 

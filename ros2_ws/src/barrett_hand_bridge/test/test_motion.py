@@ -1,0 +1,139 @@
+"""Motions: what they command, when they end, what they refuse."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from barrett_hand_bridge.calibration import GaugeCalibration
+from barrett_hand_bridge.contacts import FLAG_CONTACT, FLAG_NOT_TARED
+from barrett_hand_bridge.hand import ENCODER_262, HandSample
+from barrett_hand_bridge.motion import (
+    CloseSettings,
+    Closing,
+    Following,
+    MotionError,
+    MotionResult,
+    Opening,
+    TrajectoryPoint,
+)
+from barrett_hand_bridge.observer import HandObserver, ObserverSettings
+
+GAUGE = GaugeCalibration(
+    'cubic', coefficients_nm=(0.0, 0.01), no_load_counts=(100, 140), noise_counts=0.5
+)
+OBSERVER = HandObserver(ObserverSettings(dict.fromkeys((1, 2, 3), GAUGE)))
+SETTINGS = CloseSettings(5.0, 1.0, 0.3, 0.02)
+
+
+def state(degrees=40.0, force=0.0, flags=0, torque=0.0, spread=90.0):
+    counts = round(math.radians(degrees) / ENCODER_262.finger_rad_per_count)
+    turn = round(math.radians(spread) / ENCODER_262.spread_rad_per_count)
+    sample = HandSample(0, (counts, counts, counts), turn, (120, 120, 120))
+    observation = OBSERVER.observe(sample)
+    fingers = {}
+    for finger, reading in observation.fingers.items():
+        contact = replace(
+            reading.contact, flags=flags, force=force * np.asarray(reading.contact.normal)
+        )
+        fingers[finger] = replace(reading, contact=contact, torque_nm=torque)
+    return replace(observation, fingers=fingers)
+
+
+def test_opening_runs_all_closed_fingers_backwards_until_they_are_open():
+    motion = Opening((1, 2, 3), 0.8)
+    assert motion.step(state(40.0), 0.0) == {1: -0.8, 2: -0.8, 3: -0.8}
+    assert motion.step(state(0.0), 1.0) == MotionResult(True, 'open')
+
+
+def test_opening_gives_up_when_nothing_moves():
+    motion = Opening((1,), 0.8)
+    motion.step(state(40.0), 0.0)
+    result = motion.step(state(40.0), 2.0)
+    assert isinstance(result, MotionResult) and not result.done
+
+
+def test_closing_slows_down_at_touch():
+    motion = Closing((1, 2), SETTINGS)
+    assert motion.step(state(), 0.0) == {1: 0.3, 2: 0.3}
+    assert motion.step(state(41.0, 1.0, FLAG_CONTACT), 0.1) == {1: 0.02, 2: 0.02}
+
+
+def test_closing_ends_when_every_finger_has_its_force():
+    motion = Closing((1, 2), SETTINGS)
+    assert motion.step(state(40, 5.1, FLAG_CONTACT), 0.0) == MotionResult(True, 'closed at 5 N')
+
+
+def test_closing_stops_at_the_torque_limit():
+    result = Closing((1, 2), SETTINGS).step(state(40, 2.0, FLAG_CONTACT, torque=1.01), 0.0)
+    assert isinstance(result, MotionResult)
+    assert 'torque limit of 1 N m' in result.message
+
+
+def test_closing_needs_a_tared_gauge():
+    result = Closing((1,), SETTINGS).step(state(flags=FLAG_NOT_TARED), 0.0)
+    assert isinstance(result, MotionResult)
+    assert 'hand/tare' in result.message
+
+
+def test_closing_on_nothing_ends_at_the_end_of_travel():
+    result = Closing((1,), SETTINGS).step(state(140.0), 0.0)
+    assert isinstance(result, MotionResult) and not result.done
+
+
+def following(*points, **options):
+    options = {'fastest_rad_s': 1.0, 'torque_limit_nm': 1.0, **options}
+    return Following([TrajectoryPoint(t, p) for t, p in points], **options)
+
+
+def test_a_trajectory_runs_at_the_speed_of_its_lines():
+    motion = following((2.0, {1: math.radians(60)}))
+    velocity = motion.step(state(40.0), 10.0)[1]
+    assert velocity == pytest.approx(math.radians(10), rel=0.02)
+
+
+def test_a_trajectory_corrects_what_it_lags():
+    motion = following((2.0, {1: math.radians(60)}))
+    motion.step(state(40.0), 10.0)
+    assert motion.step(state(45.0), 11.0)[1] > math.radians(10) * 1.5
+
+
+def test_a_trajectory_ends_on_its_last_point():
+    motion = following((2.0, {1: math.radians(60)}))
+    motion.step(state(40.0), 10.0)
+    assert motion.step(state(60.0), 12.1) == MotionResult(True, 'trajectory followed')
+
+
+def test_a_trajectory_that_ends_elsewhere_says_by_how_much():
+    motion = following((2.0, {1: math.radians(60)}))
+    motion.step(state(40.0), 10.0)
+    result = motion.step(state(55.0), 16.0)
+    assert '5.0' in result.message and not result.done
+
+
+def test_a_trajectory_stops_at_the_torque_limit():
+    motion = following((2.0, {1: math.radians(60)}))
+    result = motion.step(state(40.0, torque=1.2), 10.0)
+    assert isinstance(result, MotionResult) and '1.20 N m' in result.message
+
+
+def test_a_first_point_too_far_away_is_refused_before_anything_moves():
+    result = following((0.1, {1: math.radians(90)})).step(state(40.0), 0.0)
+    assert isinstance(result, MotionResult) and 'too fast' in result.message
+
+
+@pytest.mark.parametrize(
+    ('points', 'complaint'),
+    [
+        ([], 'no points'),
+        ([(1.0, {1: 9.0})], 'must be 0 to'),
+        ([(1.0, {1: float('nan')})], 'must be 0 to'),
+        ([(1.0, {1: 0.5}), (1.0, {1: 0.6})], 'times must rise'),
+        ([(1.0, {1: 0.0}), (1.1, {1: 1.0})], 'would run 10.00 rad/s'),
+        ([(-1.0, {1: 0.0})], 'time -1'),
+    ],
+)
+def test_an_impossible_trajectory_is_refused(points, complaint):
+    with pytest.raises(MotionError, match=complaint):
+        following(*points)

@@ -315,6 +315,20 @@ def test_threads_share_an_analysis(larger_sphere):
     assert all(np.array_equal(a, b) for a, b in zip(alone, together, strict=True))
 
 
+def test_blas_threads_are_given_back_after_a_factorisation(sphere):
+    from shell_deform.solve.multifrontal_threads import _thread_counts, one_blas_thread
+
+    def numbers():
+        return [read() for read, _ in _thread_counts()]
+
+    before = numbers()
+    with one_blas_thread():
+        assert numbers() == [1] * len(before)
+        factorise(sphere.symbolic, sphere.free)
+        assert numbers() == [1] * len(before)
+    assert numbers() == before
+
+
 def test_unconnected_parts_are_factorised_together():
     part = np.array([[2.0, 1.0], [1.0, -3.0]])
     matrix = scipy.sparse.csr_array(scipy.sparse.block_diag([part] * 40))

@@ -13,6 +13,7 @@ from shell_deform.solve.multifrontal import count_signs, factorise_fronts
 from shell_deform.solve.multifrontal_assembly import equilibrate
 from shell_deform.solve.multifrontal_solve import backward, forward
 from shell_deform.solve.multifrontal_symbolic import Fronts
+from shell_deform.solve.multifrontal_threads import one_blas_thread
 
 # Pivots below this, relative to the equilibrated matrix, are set aside as weak.
 WEAK_PIVOT = 1e-10
@@ -44,13 +45,14 @@ class MultifrontalFactor(Factor):
         if bad >= 0:
             raise FactorError(f'row {bad} of the matrix holds a value that is not finite')
         order, targets = fronts.order, fronts.targets
-        self._lower, self._pivots, weak, self._stack = factorise_fronts(
-            (data, indptr, indices, targets, order, scale, block, interleaved),
-            fronts.tree,
-            *_take_storage(symbolic),
-            PIVOT_THRESHOLD,
-            WEAK_PIVOT,
-        )
+        with one_blas_thread():
+            self._lower, self._pivots, weak, self._stack = factorise_fronts(
+                (data, indptr, indices, targets, order, scale, block, interleaved),
+                fronts.tree,
+                *_take_storage(symbolic),
+                PIVOT_THRESHOLD,
+                WEAK_PIVOT,
+            )
         self._unknown = (order[:, None].astype(np.int64) * block + np.arange(block)).ravel()
         self._scale = scale[self._unknown]
         positive, negative = count_signs(self._lower, self._pivots)
@@ -70,7 +72,8 @@ class MultifrontalFactor(Factor):
         ]
         modes = np.zeros((self.size, len(self._weak_rows)))
         modes[self._weak_rows, np.arange(len(self._weak_rows))] = 1.0
-        backward(self._lower, modes)
+        with one_blas_thread():
+            backward(self._lower, modes)
         natural = np.empty_like(modes)
         natural[self._unknown] = modes * self._scale[:, None]
         self._set_weak(
@@ -89,12 +92,13 @@ class MultifrontalFactor(Factor):
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """K+ f (N, k) and Z^T f (r, k) of f (N, k), unrefined."""
         y = np.ascontiguousarray(rhs[self._unknown] * self._scale[:, None])
-        forward(self._lower, self._pivots, y)
         along = np.zeros((0, y.shape[1]))
-        if len(self._weak_rows):
-            along = y[self._weak_rows]
-            y[self._weak_rows] = 0.0
-        backward(self._lower, y)
+        with one_blas_thread():
+            forward(self._lower, self._pivots, y)
+            if len(self._weak_rows):
+                along = y[self._weak_rows]
+                y[self._weak_rows] = 0.0
+            backward(self._lower, y)
         x = np.empty_like(y)
         x[self._unknown] = y * self._scale[:, None]
         return x, along

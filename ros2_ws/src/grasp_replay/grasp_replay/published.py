@@ -21,16 +21,16 @@ def published_table(bag: Path) -> Path | None:
     return path if path.is_file() else None
 
 
-def published_predictions(path: Path, object_name: str) -> list[dict[str, Any]]:
-    """Rows of the table for an object, each with the displacement every theory predicts [m].
+def published_predictions(path: Path, object_file: str, name: str) -> list[dict[str, Any]]:
+    """Rows of the table for object `name`, with the displacement every theory predicts [m].
 
     The object is taken as its file describes it, touched at its own contacts. A load that a
     theory does not carry is None. Empty when the table has no row of the object.
     """
-    rows = read_published(path, object_name)
+    rows = read_published(path, name)
     if not rows:
         return []
-    shell = theory_set(object_name)
+    shell = theory_set(object_file)
     model = shell.model
     patches = tuple(
         model.contact(np.array(contact.at_m), contact.radius_m) for contact in shell.shell.contacts

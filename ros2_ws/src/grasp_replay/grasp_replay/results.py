@@ -160,7 +160,7 @@ def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def table_rows(results: dict[str, Any]) -> list[list[str]]:
+def table_lines(results: dict[str, Any]) -> list[list[str]]:
     """The table for people: a heading, then one line per row and theory, lengths in mm."""
     lines = [
         ['force N', 'force lbf', 'measured mm', 'pins mm', 'theory', 'mean', 'RMS', 'p95', 'max',
@@ -181,6 +181,30 @@ def table_rows(results: dict[str, Any]) -> list[list[str]]:
                 ]
             )
     return lines
+
+
+def published_lines(results: dict[str, Any]) -> list[list[str]]:
+    """The published rows and our predictions for their forces, lengths in mm."""
+    lines = [['force N', 'published', *(f'{theory} predicts' for theory in THEORIES)]]
+    for row in results['published']:
+        predicted = row['predicted_max_displacement_m']
+        lines.append(
+            [
+                f'{row["force_n"]:.3f}',
+                millimetres(row['measured_max_displacement_m']),
+                *(millimetres(predicted[theory]) for theory in THEORIES),
+            ]
+        )
+    return lines
+
+
+def aligned(lines: list[list[str]]) -> str:
+    """Cells under each other, right-aligned."""
+    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
+    return '\n'.join(
+        '  '.join(cell.rjust(width) for cell, width in zip(line, widths, strict=True))
+        for line in lines
+    )
 
 
 def millimetres(value: float | None) -> str:

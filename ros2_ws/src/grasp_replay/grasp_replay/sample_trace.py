@@ -75,7 +75,8 @@ class _LinearLoop:
     def __init__(self, shell: TheorySet) -> None:
         self._model = shell.model
         self._tracker = ContactTracker(self._model)
-        self._solver = EquilibriumTracker(self._model)
+        self._koiter = EquilibriumTracker(self._model)
+        self._linear = EquilibriumTracker(shell.models['linear'])
         self._loads: SmallLoads | None = None
         self._columns = np.zeros((len(self._model.rest), 3, 0))
 
@@ -104,10 +105,11 @@ class _LinearLoop:
     def _lay(self) -> None:
         rest = self._model.rest
         rows = contact_rows(self._model, self._tracker.patches)
-        system = self._solver.rest_system(rest, rows)
-        self._loads = small_loads(self._model, rest, system, rows)
+        # Where the response begins to bend is asked of koiter theory: linear theory has no bend.
+        self._loads = small_loads(self._model, rest, self._koiter.rest_system(rest, rows), rows)
         count = rows.contacts
-        fields = self._loads.fields.reshape(len(rest), 3 * count)
+        columns = self._linear.rest_system(rest, rows).push_fields
+        fields = columns.reshape(len(rest), 3 * count)
         limit = self._model.surface.limit_matrix @ fields
         self._columns = np.asarray(limit).reshape(len(rest), 3, count)
 

@@ -18,6 +18,7 @@ FORCES_N = (10.0, 16.0)
 POLES = np.array([[0.0, 0.0, 0.0325], [0.0, 0.0, -0.0325]])
 START_NS = 1_600_000_000_000_000_000
 PERIOD_NS = 20_000_000
+SAMPLES_PER_HOLD = 30
 CONTACT_FIELDS = (
     *('x', 'y', 'z', 'nx', 'ny', 'nz', 'fx', 'fy', 'fz'),
     *('sigma_n', 'radius', 'sigma_t', 'travel', 'sigma_travel'),
@@ -89,7 +90,7 @@ def scan_points(
 
 
 def write_grasp(directory: Path, forces: tuple[float, ...] = FORCES_N) -> Path:
-    """An undeformed scan, then every load held for 0.4 s and scanned."""
+    """An undeformed scan, then every load held for 0.6 s and scanned."""
     ball = small_ball()
     patches = tuple(ball.model.contact(pole, 1e-3) for pole in POLES)
     scans, holds = [], []
@@ -105,7 +106,7 @@ def write_grasp(directory: Path, forces: tuple[float, ...] = FORCES_N) -> Path:
                 depth = float(state.displacement.mean())
             inward = -POLES / 0.0325
             begin = now
-            for _ in range(20):
+            for _ in range(SAMPLES_PER_HOLD):
                 data = contacts(now, POLES + depth * inward, inward, force, depth)
                 writer.write(touching, data, now)
                 now += PERIOD_NS

@@ -1,0 +1,146 @@
+"""`grasp_report`: a recorded grasp through the whole pipeline, offline."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from grasp_replay.errors import BagError
+from grasp_replay.progress import progress_bar
+
+if TYPE_CHECKING:
+    from grasp_replay.campaign import CampaignResult
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The command line of `grasp_report`."""
+    parser = argparse.ArgumentParser(
+        prog='grasp_report',
+        description='Solve the loads of a recorded grasp by linear, paper and koiter theory, hold '
+        'the deformed surfaces against its scans, and write results.json, table.csv, samples.csv, '
+        'report.html and pictures.',
+        epilog='The same bag gives the same bytes. With several bags or a grid each run gets a '
+        'folder of its own, named by its content, and campaign.json lists them.',
+    )
+    add = parser.add_argument
+    add('bags', nargs='+', type=Path, metavar='BAG', help='bag directory or .mcap file')
+    add('--out', type=Path, required=True, metavar='DIR', help='where the files go')
+    add('--object', metavar='NAME|FILE', help='object (default: what experiment.yaml names)')
+    add(
+        '--young',
+        default='auto',
+        choices=('auto', 'fit', 'object'),
+        help="Young's modulus: fitted on the first load of the bag, or the object's own; auto "
+        'fits where at least two loads were scanned (default)',
+    )
+    add('--published', type=Path, metavar='YAML', help='published table to set beside')
+    add('--no-page', action='store_true', help='numbers only: no page, no pictures')
+    add('--no-samples', action='store_true', help='leave out linear theory at every sample')
+    add(
+        '--grid',
+        action='append',
+        default=[],
+        metavar='KEY=A,B',
+        help='repeat for every value of young_modulus_pa (Pa), thickness_m (m), poisson_ratio or '
+        'control_vertices; several grids multiply',
+    )
+    add('--processes', type=int, default=1, metavar='N', help='tasks at once (default 1)')
+    add('--scheduler', metavar='ADDRESS', help='Dask scheduler, for example tcp://host:8786')
+    add('--json', action='store_true', help='print the results as JSON on stdout')
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `grasp_report`; returns the exit code."""
+    parser = build_parser()
+    options = parser.parse_args(arguments)
+    if options.processes < 1:
+        parser.error('--processes must be at least 1')
+    # Before numpy is loaded: threads of BLAS would add up in another order every time.
+    for variable in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
+        os.environ.setdefault(variable, '1')
+    several = len(options.bags) > 1 or options.grid or options.scheduler
+    try:
+        return _many(options) if several else _one(options)
+    except BagError as error:
+        print(f'grasp_report: {error}', file=sys.stderr)
+        return 1
+
+
+def _one(options: argparse.Namespace) -> int:
+    from grasp_replay.pipeline import PipelineOptions
+    from grasp_replay.report_files import Extent, make_report
+
+    extent = Extent(not options.no_page, not options.no_samples, options.published)
+    pipeline = PipelineOptions(object_name=options.object, young=options.young)
+    with progress_bar('grasp_report', 1.0) as show:
+        results = make_report(options.bags[0], options.out, pipeline, extent, show)
+    if options.json:
+        print(json.dumps(results, indent=1, allow_nan=False))
+    else:
+        print_results(results, options.out)
+    return 0
+
+
+def _many(options: argparse.Namespace) -> int:
+    from grasp_replay.campaign import Task, parse_grid, run_campaign
+
+    tasks = [
+        Task(
+            bag.resolve(),
+            changes,
+            options.object,
+            'object' if any(key == 'young_modulus_pa' for key, _ in changes) else options.young,
+            not options.no_page,
+            not options.no_samples,
+        )
+        for bag in options.bags
+        for changes in parse_grid(options.grid)
+    ]
+    with progress_bar('grasp_report', 1.0) as show:
+        result = run_campaign(tasks, options.out, options.processes, options.scheduler, show)
+    if options.json:
+        print((options.out / 'campaign.json').read_text(), end='')
+    else:
+        _print_campaign(result, len(tasks), options.out)
+    if result.failed:
+        number, reason = min(result.failed.items())
+        raise BagError(
+            f'{len(result.failed)} of {len(tasks)} tasks failed; task {number}: {reason}'
+        )
+    return 0
+
+
+def _print_campaign(result: CampaignResult, count: int, out: Path) -> None:
+    print(
+        f'{len(result.folders)} of {count} tasks done ({result.reused} were there already); '
+        f'see {out / "campaign.json"}'
+    )
+
+
+def print_results(results: dict[str, Any], out: Path) -> None:
+    """The table on the terminal: recording, verdicts, and the published rows apart."""
+    from grasp_replay.results import aligned, published_lines, table_lines
+
+    label = f' ({results["label"]})' if results['label'] else ''
+    print(f'{results["experiment"]}{label}')
+    print(
+        f'{results["object"]}, E = {results["young_modulus_pa"] / 1e6:.4g} MPa '
+        f'({results["young_modulus_from"]}); lengths in mm, outer face'
+    )
+    print(aligned(table_lines(results)))
+    for row in results['rows']:
+        print(f'row {row["row"]}: {row["verdict"]}')
+    if results['published']:
+        print('published, and what we predict for the published forces (mm):')
+        print(aligned(published_lines(results)))
+    print(f'files in {out}')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

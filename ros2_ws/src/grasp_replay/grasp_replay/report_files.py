@@ -1,0 +1,148 @@
+"""One run from bag to files: numbers as JSON and tables, the report page and its pictures."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from grasp_replay import scenes
+from grasp_replay.errors import BagError
+from grasp_replay.pipeline import Outcome, PipelineOptions, run
+from grasp_replay.published import published_predictions, published_table
+from grasp_replay.report import ReportError, write_report
+from grasp_replay.results import csv_text, document, json_text, write_file
+from grasp_replay.sample_trace import SampleTrace, trace_csv, trace_samples
+
+RESULTS, TABLE, SAMPLES = 'results.json', 'table.csv', 'samples.csv'
+
+
+@dataclass(frozen=True)
+class Extent:
+    """What is made besides the numbers.
+
+    Attributes:
+        page: the report page and its pictures.
+        samples: linear theory at every sample.
+        published: the published table; None looks beside the bag's folder.
+    """
+
+    page: bool = True
+    samples: bool = True
+    published: Path | None = None
+
+
+def make_report(
+    bag: Path,
+    out: Path,
+    options: PipelineOptions,
+    extent: Extent,
+    show: Callable[[float, str], None] = lambda _share, _note: None,
+) -> dict[str, Any]:
+    """Run the pipeline and write its files into `out`; returns the document of results.json.
+
+    Files appear as a whole, results.json last: while it is missing the run did not end. Raises
+    BagError.
+    """
+    outcome = run(bag, options, lambda share, note: show(0.6 * share, note))
+    name = outcome.shell.shell.name
+    show(0.6, 'published table')
+    table = extent.published or published_table(bag)
+    published = [] if table is None else published_predictions(table, outcome.object_name, name)
+    trace = None
+    if extent.samples:
+        show(0.65, 'linear theory at every sample')
+        trace = trace_samples(outcome.recording, outcome.shell, options.object_pose)
+    results = document(outcome, published)
+    part = out / '.part'
+    shutil.rmtree(part, ignore_errors=True)
+    try:
+        part.mkdir(parents=True)
+        write_file(part / TABLE, csv_text(results))
+        if trace is not None:
+            write_file(part / SAMPLES, trace_csv(trace))
+        if extent.page:
+            show(0.75, 'report page')
+            _page(outcome, results, published, trace, part)
+        write_file(part / RESULTS, json_text(results))
+        _move(part, out)
+    except OSError as error:
+        raise BagError(f'{out} cannot be written: {error.strerror}') from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    show(1.0, 'done')
+    return results
+
+
+def _page(
+    outcome: Outcome,
+    results: dict[str, Any],
+    published: list[dict[str, Any]],
+    trace: SampleTrace | None,
+    folder: Path,
+) -> None:
+    drawn = scenes.scenes(outcome)
+    numbers = {scene.key for scene in drawn}
+    rows = [row for row in results['rows'] if f'row_{row["row"]}' in numbers]
+    try:
+        write_report(
+            {**results, 'rows': rows},
+            drawn,
+            folder,
+            provenance(outcome, results),
+            published=scenes.published_rows(published, outcome.shell.shell.name),
+            curves=scenes.curves(outcome, published),
+            linearity=None if trace is None else scenes.linearity(trace),
+        )
+    except ReportError as error:
+        raise BagError(f'the report page cannot be made: {error}') from error
+
+
+def provenance(outcome: Outcome, results: dict[str, Any]) -> dict[str, Any]:
+    """Where every number of the page comes from."""
+    experiment = outcome.experiment
+    young = f'{results["young_modulus_pa"] / 1e6:.4g} MPa, {outcome.young_from}'
+    found: dict[str, Any] = {
+        'title': experiment.name,
+        'object': {
+            'name': results['object'],
+            "Young's modulus": young,
+            'thickness': f'{1e3 * results["thickness_m"]:.3g} mm',
+            "Poisson's ratio": results['poisson_ratio'],
+            'gas': results['gas'],
+            'source': outcome.shell.shell.source,
+        },
+        'recording': {
+            'bag': outcome.bag_sha256,
+            'contact samples': results['samples'],
+            'scans under load': len(results['rows']),
+            'scanner noise': f'{1e3 * results["scanner_sigma_m"]:.3g} mm (one sigma)',
+        },
+        'measured max displacement': {
+            'scan': 'dent profile of the scan, extrapolated to the contact axis under the pin',
+            'pins': 'mean travel of the fingers since first touch, shown beside it',
+        },
+        'errors': {
+            'surface': results['face'],
+            'max': 'maximum of the local mean over discs of 2 mm with at least 50 points',
+        },
+    }
+    if experiment.synthetic:
+        found['synthetic'] = experiment.label or 'This recording is synthetic.'
+    if experiment.caveats:
+        found['what it is not'] = {str(i + 1): text for i, text in enumerate(experiment.caveats)}
+    return found
+
+
+def _move(part: Path, out: Path) -> None:
+    """Put the finished files in place, the results last."""
+    names = sorted((entry.name for entry in part.iterdir()), key=lambda name: name == RESULTS)
+    (out / RESULTS).unlink(missing_ok=True)
+    for name in names:
+        target = out / name
+        if target.is_dir():
+            shutil.rmtree(target)
+        os.replace(part / name, target)

@@ -10,7 +10,7 @@ setup(
     name=PACKAGE,
     version='0.1.0',
     packages=find_packages(exclude=['test']),
-    package_data={PACKAGE: ['py.typed', '**/*.yaml', '**/*.html', '**/*.css', '**/*.js']},
+    package_data={PACKAGE: ['py.typed', '**/*.json', '**/*.yaml', '**/*.html', '**/*.css', '**/*.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + PACKAGE]),
         ('share/' + PACKAGE, ['package.xml']),

@@ -43,6 +43,8 @@ class NewtonOptions:
         chord_residual: above this residual every iteration takes a new stiffness [-].
         smallest_step: give up below this share of the load case.
         largest_move: displacement change [in wall thicknesses] beyond which a step is halved.
+        settled_move: displacement change [in wall thicknesses] below which an iteration has
+            nothing left to correct but round-off.
         stability: whether to count negative modes at the end.
     """
 
@@ -52,6 +54,7 @@ class NewtonOptions:
     chord_residual: float = 0.05
     smallest_step: float = 1.0 / 256.0
     largest_move: float = 8.0
+    settled_move: float = 1e-9
     stability: bool = False
 
 
@@ -326,7 +329,10 @@ class EquilibriumSolver:
                 noise,
             )
             residual = float(np.linalg.norm(loose)) / scale
-            if residual < options.tolerance + noise / scale or linear:
+            settled = (
+                largest < options.settled_move * self._wall and residual < options.chord_residual
+            )
+            if residual < options.tolerance + noise / scale or settled or linear:
                 state = Equilibrium(
                     converged=bool(residual < 1e-6 if linear else True),
                     message='' if residual < 1e-6 else 'the linear system is singular',

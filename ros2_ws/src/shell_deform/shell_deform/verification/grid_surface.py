@@ -21,6 +21,7 @@ from shell_deform.surface.loop_basis import quadrature_basis
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Surface = Callable[[Array, Array], Array]
+Spacing = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,36 @@ class GridSurface:
         return int(inside[-s, -t])
 
 
-def grid_surface(surface: Surface, cells: tuple[int, int]) -> GridSurface:
-    """Control mesh whose limit surface is `surface(s, t) -> (p, 3)` in the least-squares sense."""
+def even(x: Array) -> Array:
+    """Equal cells."""
+    return x
+
+
+def fine_at_start(x: Array) -> Array:
+    """Cells that are half as wide at 0 as on average."""
+    return x - 0.5 * x * (1.0 - x)
+
+
+def fine_at_end(x: Array) -> Array:
+    """Cells that are half as wide at 1 as on average."""
+    return x + 0.5 * x * (1.0 - x)
+
+
+def fine_at_both(x: Array) -> Array:
+    """Cells that are half as wide at 0 and 1 as on average."""
+    return x - 0.5 * np.sin(2.0 * np.pi * x) / (2.0 * np.pi)
+
+
+def grid_surface(
+    surface: Surface,
+    cells: tuple[int, int],
+    along_s: Spacing = even,
+    along_t: Spacing = even,
+) -> GridSurface:
+    """Control mesh whose limit surface is `surface(s, t) -> (p, 3)` in the least-squares sense.
+
+    `along_s` and `along_t` place the grid lines: smooth, from 0 to 1, defined a little beyond.
+    """
     ns, nt = cells
     i, j = np.meshgrid(np.arange(-1, ns + 2), np.arange(-1, nt + 2), indexing='ij')
     number = np.arange(i.size).reshape(i.shape)
@@ -61,7 +90,7 @@ def grid_surface(surface: Surface, cells: tuple[int, int]) -> GridSurface:
     triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
     cell_i, cell_j = i[:-1, :-1].ravel(), j[:-1, :-1].ravel()
     inside = (cell_i >= 0) & (cell_i < ns) & (cell_j >= 0) & (cell_j < nt)
-    s, t = i.ravel() / ns, j.ravel() / nt
+    s, t = along_s(i.ravel() / ns), along_t(j.ravel() / nt)
     start = surface(s, t)
     mesh = control_mesh(start, triangles, corners=[], active=np.tile(inside, 2))
     return GridSurface(fitted(mesh, s, t, surface), number)

@@ -70,7 +70,7 @@ def scordelis_lo(cells: int = 32) -> Verified:
     )  # fmt: skip
 
 
-def pinched_cylinder(cells: int = 40) -> Verified:
+def pinched_cylinder(cells: int = 64) -> Verified:
     """Cylinder with rigid diaphragms between two point forces, by an octant."""
     data = references()['linear_obstacle_course']['pinched_cylinder']
     radius, length = data['R'], data['L']

@@ -20,7 +20,13 @@ from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
 from shell_deform.supports import SupportRows, hold_position, hold_slope, joined
 from shell_deform.surface.loop_basis import basis_rows
 from shell_deform.theory.material import Material
-from shell_deform.verification.grid_surface import GridSurface, grid_surface
+from shell_deform.verification.grid_surface import (
+    GridSurface,
+    fine_at_both,
+    fine_at_end,
+    fine_at_start,
+    grid_surface,
+)
 from shell_deform.verification.linear_course import symmetry, unheld
 from shell_deform.verification.problem import (
     Verified,
@@ -71,7 +77,7 @@ class Curve:
                 )
 
 
-def cantilever_shear(cells: tuple[int, int] = (40, 2)) -> Curve:
+def cantilever_shear(cells: tuple[int, int] = (40, 4)) -> Curve:
     """Cantilever under an end shear force that keeps its direction."""
     data = references()['sze_cantilever_shear']
     with stopwatch() as watch:
@@ -84,7 +90,7 @@ def cantilever_shear(cells: tuple[int, int] = (40, 2)) -> Curve:
                   ours[:, [0, 2]] * [-1, 1], model, watch.seconds, message)  # fmt: skip
 
 
-def cantilever_moment(cells: tuple[int, int] = (60, 2)) -> Curve:
+def cantilever_moment(cells: tuple[int, int] = (80, 4)) -> Curve:
     """Cantilever rolled to a full circle: the end turns by the angle that the moment demands.
 
     For this pure bending the moment is proportional to the end rotation (R = E I / M), so the
@@ -142,7 +148,7 @@ def slit_annulus(cells: tuple[int, int] = (8, 64)) -> Curve:
     return _curve(data, 'sze_slit_annulus', ('W_A', 'W_B'), ours, model, watch.seconds, message)
 
 
-def hemisphere(cells: tuple[int, int] = (20, 20)) -> Curve:
+def hemisphere(cells: tuple[int, int] = (27, 19)) -> Curve:
     """Hemisphere with an 18 degree hole between alternating forces, by a quarter."""
     data = references()['sze_hemisphere_18deg']
     radius, hole = data['R'], np.deg2rad(data['hole_deg'])
@@ -155,7 +161,7 @@ def hemisphere(cells: tuple[int, int] = (20, 20)) -> Curve:
         )
 
     with stopwatch() as watch:
-        grid = grid_surface(quarter, cells)
+        grid = grid_surface(quarter, cells, fine_at_both, fine_at_end)
         shell = discretise(grid.mesh, Material(data['E'], data['nu']), data['h'])
         supports = joined(
             [*symmetry(shell, grid.edge('s0'), Y), *symmetry(shell, grid.edge('s1'), X)]
@@ -171,7 +177,7 @@ def hemisphere(cells: tuple[int, int] = (20, 20)) -> Curve:
                   watch.seconds, message)  # fmt: skip
 
 
-def pullout(cells: tuple[int, int] = (24, 16)) -> Curve:
+def pullout(cells: tuple[int, int] = (32, 24)) -> Curve:
     """Open cylinder pulled apart by two forces, by an octant, driven by the motion of A."""
     data = references()['sze_pullout_cylinder']
     radius, length = data['R'], data['L']
@@ -182,7 +188,7 @@ def pullout(cells: tuple[int, int] = (24, 16)) -> Curve:
         return np.stack([x, 0.5 * length * t, z], axis=1)
 
     with stopwatch() as watch:
-        grid = grid_surface(octant, cells)
+        grid = grid_surface(octant, cells, fine_at_start, fine_at_start)
         shell = discretise(grid.mesh, Material(data['E'], data['nu']), data['h'])
         supports = joined(
             [
@@ -315,7 +321,8 @@ def _curve(
 ) -> Curve:
     published = np.array(data['data'])
     full = np.full((len(published), len(columns)), np.nan)
-    full[: len(ours)] = ours
+    if len(ours):
+        full[: len(ours)] = ours
     return Curve(
         name, columns, published[:, 0], full, published[:, 1:], used_vertices(model), seconds,
         message,

@@ -1,0 +1,90 @@
+"""shell_verify: every reference problem, ours beside the reference."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator, Sequence
+
+from rich.console import Console
+from rich.table import Table
+
+from shell_deform.commands.console import CommandError, print_json, progress, run
+from shell_deform.verification import linear_course, spheres, sze
+from shell_deform.verification.problem import Verified
+
+Problems = Callable[[], Iterator[Verified]]
+
+GROUPS: dict[str, Problems] = {
+    'linear': linear_course.problems,
+    'sze': sze.problems,
+    'spheres': spheres.problems,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(
+        prog='shell_verify',
+        description='Solve the published and independent reference problems and compare. '
+        'Quantities are in the units of their sources; errors are relative and signed.',
+    )
+    parser.add_argument(
+        '--group', choices=sorted(GROUPS), action='append', help='only these problems'
+    )
+    parser.add_argument('--all-rows', action='store_true', help='every load, not only the worst')
+    parser.add_argument('--json', action='store_true', help='one JSON document on stdout')
+    options = parser.parse_args(arguments)
+    return run('shell_verify', lambda: _verify(options))
+
+
+def _verify(options: argparse.Namespace) -> None:
+    results: list[Verified] = []
+    for group in progress(options.group or list(GROUPS), 'reference problems'):
+        results.extend(GROUPS[group]())
+    if options.json:
+        print_json({'problems': [result.as_dict() for result in results]})
+    else:
+        Console(width=132).print(_table(results if options.all_rows else _worst(results)))
+    missed = [result for result in results if not result.passed]
+    if missed:
+        worst = max(missed, key=lambda result: abs(result.error) / (result.goal or 1.0))
+        raise CommandError(
+            f'{len(missed)} of {len(results)} quantities miss their goal, the worst '
+            f'{worst.name}, {worst.quantity}: {worst.value:.6g} against {worst.reference:.6g}'
+        )
+    print(f'{len(results)} quantities within their goals', file=sys.stderr)
+
+
+def _worst(results: list[Verified]) -> list[Verified]:
+    """Of every problem and quantity kind the row that comes closest to its goal, or misses it."""
+    chosen: dict[tuple[str, str], Verified] = {}
+    for result in results:
+        key = (result.name, result.quantity.split(' at ')[0])
+        if key not in chosen or abs(result.error) > abs(chosen[key].error):
+            chosen[key] = result
+    return list(chosen.values())
+
+
+def _table(results: list[Verified]) -> Table:
+    table = Table(title='Reference problems: the largest error of each')
+    for heading in ('problem', 'quantity'):
+        table.add_column(heading)
+    for heading in ('ours', 'reference', 'error', 'goal', 'vertices', 'CPU s'):
+        table.add_column(heading, justify='right')
+    table.add_column('source')
+    for result in results:
+        goal = '' if result.goal is None else f'{100 * result.goal:.2f} %'
+        mark = '' if result.passed else ' !'
+        table.add_row(
+            result.name,
+            result.quantity,
+            f'{result.value:.6g}',
+            f'{result.reference:.6g}',
+            f'{100 * result.error:+.3f} %{mark}',
+            goal,
+            str(result.vertices),
+            f'{result.cpu_seconds:.1f}',
+            result.source,
+        )
+    return table

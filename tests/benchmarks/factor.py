@@ -155,6 +155,13 @@ def starts() -> Iterator[Row]:
             yield what, f'{float(done.stdout):.2f} s CPU', ''
 
 
+def figures(large: bool, peers: bool) -> Iterator[Row]:
+    """All rows; SuperLU, which needs minutes for it, is left out of the largest sphere."""
+    for frequency, repetitions in [(8, 30), (16, 12)] + ([(32, 5)] if large else []):
+        yield from sphere(frequency, repetitions, peers and frequency < 32)
+    yield from starts()
+
+
 def main() -> int:
     """Print the rows (what, value, goal)."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
@@ -163,17 +170,12 @@ def main() -> int:
     parser.add_argument('--json', action='store_true', help='one JSON document instead')
     arguments = parser.parse_args()
     rows = []
-    cases = [(8, 30), (16, 12)] + ([(32, 5)] if arguments.large else [])
-    for frequency, repetitions in cases:
-        # SuperLU needs minutes for the largest sphere.
-        peers = not arguments.no_peers and frequency < 32
-        rows += list(sphere(frequency, repetitions, peers))
-    rows += list(starts())
+    for what, value, goal in figures(arguments.large, not arguments.no_peers):
+        rows.append({'what': what, 'value': value, 'goal': goal})
+        if not arguments.json:
+            print(f'{what:<48}{value:>14}   {goal}', flush=True)
     if arguments.json:
-        print(json.dumps([{'what': w, 'value': v, 'goal': g} for w, v, g in rows]))
-    else:
-        for what, value, goal in rows:
-            print(f'{what:<48}{value:>14}   {goal}')
+        print(json.dumps(rows))
     return 0
 
 

@@ -41,6 +41,7 @@ from barrett_hand_bridge.touch import finger_cells, touch_contacts
 from barrett_hand_bridge.zero import DRIFT_8_BIT, DriftModel, ZeroTracker
 
 NEAR_SATURATION = 0.9
+FACING_COSINE = 0.5
 QUANTISATION_COUNTS = 1.0 / math.sqrt(12.0)
 
 
@@ -291,12 +292,16 @@ class HandObserver:
         """Inward normal of the object at this finger, and its uncertainty in rad."""
         opposed = self.settings.opposed_fingers
         pin = self.settings.pins[finger]
+        direction = pin_direction(frames, pin)
         if opposed is None or finger not in opposed:
-            return pin_direction(frames, pin), pin.direction_sigma_rad
+            return direction, pin.direction_sigma_rad
         first, second = ends[opposed[0]], ends[opposed[1]]
-        normals = opposed_normals(first, second)
+        normal = opposed_normals(first, second)[opposed.index(finger)]
+        if float(normal @ direction) < FACING_COSINE:
+            # The fingers do not face each other in this pose: only the pin itself is left.
+            return direction, pin.direction_sigma_rad
         gap = max(length(second - first), 1e-6)
-        return normals[opposed.index(finger)], math.sqrt(2.0) * pin.position_sigma_m / gap
+        return normal, math.sqrt(2.0) * pin.position_sigma_m / gap
 
     def _follow_zero(self, finger: int, counts: int | None, touching: bool, time_s: float) -> None:
         zero = self.zeros[finger]

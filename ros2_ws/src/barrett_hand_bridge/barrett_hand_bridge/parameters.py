@@ -100,8 +100,20 @@ PARAMETERS: tuple[Parameter, ...] = (
     _length_m('link_2', 0.070, 'A2: inner to outer joint'),
     _length_m('link_3', 0.050, 'A3: outer joint to the fingertip frame'),
     _length_m('pad_height', 0.0095, 'D3: pad surface above the line of the outer link'),
-    Parameter('joint_2_offset', math.radians(2.46), 'Phi2 (rad)', -1.0, 1.0),
-    Parameter('joint_3_offset', math.radians(50.0), 'Phi3 (rad)', 0.0, 1.5),
+    Parameter(
+        'joint_2_offset',
+        math.radians(2.46),
+        'Phi2: built-in angle of the inner joint (rad)',
+        -1.0,
+        1.0,
+    ),
+    Parameter(
+        'joint_3_offset',
+        math.radians(50.0),
+        'Phi3: built-in angle of the outer joint (rad)',
+        0.0,
+        1.5,
+    ),
     Parameter('outer_link_mass', 0.1, 'mass of an outer link with its pin (kg)', 0.0, 1.0),
     _length_m('outer_link_centre', 0.025, 'centre of that mass from the outer joint'),
     Parameter(

@@ -119,7 +119,7 @@ def parse_loop_end(raw: bytes) -> int:
     """
     if RESET_MARK in raw:
         raise HandRestartedError('the hand restarted in RealTime mode')
-    match = re.search(rb'[\n\r]+ERR (\d{1,5})[\n\r]+=> $', raw)
+    match = re.search(rb'[\n\r]+ERR (\d{1,5})[\n\r]+=> \Z', raw)
     if match is None or int(match.group(1)) == 0:
         raise HandLinkError(f'RealTime mode: neither feedback nor an error in {raw[:40]!r}')
     return int(match.group(1))

@@ -1,0 +1,333 @@
+"""The node as a process, on an emulated hand as another: topics, services, losses, exit codes."""
+
+import json
+import signal
+
+import numpy as np
+import pytest
+import rclpy
+from builtin_interfaces.msg import Duration, Time
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from barrett_hand_bridge.calibration import read_calibration
+from barrett_hand_bridge.commands import hand_calibrate
+from barrett_hand_bridge.emulator.mechanics import HandBody, HandMechanics
+from barrett_hand_bridge.emulator.pty_port import PtyPort
+from barrett_hand_bridge.emulator.serial_hand import SerialHand
+from barrett_hand_bridge.emulator.weighing import weighing_table
+from barrett_hand_bridge.messages import CONTACT_TYPE
+
+BALL = """
+displacement_m: [0.0, 0.00256, 0.00605, 0.00912, 0.01027]
+force_n: [0.0, 10.631, 16.503, 20.373, 21.485]
+pinched: {fingers: [1, 2], width_m: 0.065}
+"""
+
+
+class Listener:
+    """A node of the test that hears everything the bridge says."""
+
+    def __init__(self, wait_until):
+        rclpy.init()
+        self.node = rclpy.create_node('listener')
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.wait_until = wait_until
+        self.contacts = []
+        self.diagnostics = []
+        self.heard = {}
+        self.node.create_subscription(
+            PointCloud2, 'hand/contacts', self._on_contacts, qos_profile_sensor_data
+        )
+        self.node.create_subscription(
+            DiagnosticArray, '/diagnostics', self.diagnostics.append, QoSProfile(depth=10)
+        )
+
+    def _on_contacts(self, message):
+        self.contacts.append(np.frombuffer(bytes(message.data), CONTACT_TYPE))
+
+    def listen(self, kind, topic):
+        self.heard[topic] = []
+        self.node.create_subscription(
+            kind, topic, self.heard[topic].append, qos_profile_sensor_data
+        )
+
+    def until(self, condition, timeout=40.0):
+        def turn():
+            self.executor.spin_once(timeout_sec=0.05)
+            return condition()
+
+        self.wait_until(turn, timeout, lambda: str(self.status()))
+
+    def status(self):
+        if not self.diagnostics:
+            return None
+        status = self.diagnostics[-1].status[0]
+        return status.level, status.message, {v.key: v.value for v in status.values}
+
+    def call(self, service, timeout=40.0):
+        client = self.node.create_client(Trigger, service)
+        self.until(client.service_is_ready)
+        future = client.call_async(Trigger.Request())
+        self.until(future.done, timeout)
+        return future.result()
+
+    def next_contacts(self):
+        self.contacts.clear()
+        self.until(lambda: self.contacts)
+        return self.contacts[-1]
+
+    def end(self):
+        self.executor.remove_node(self.node)
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def listener(domain_id, wait_until):
+    listener = Listener(wait_until)
+    yield listener
+    listener.end()
+
+
+def bridge(start, *parameters):
+    arguments = ['--ros-args']
+    for parameter in parameters:
+        arguments += ['-p', parameter]
+    return start('hand_bridge', *arguments)
+
+
+@pytest.fixture
+def ball(tmp_path):
+    path = tmp_path / 'ball.yaml'
+    path.write_text(BALL)
+    return path
+
+
+@pytest.fixture
+def calibration(tmp_path):
+    table = tmp_path / 'weights.csv'
+    table.write_text('\n'.join(weighing_table(HandMechanics(HandBody(), 1), 1)))
+    path = tmp_path / 'calibration.yaml'
+    hand_calibrate.main([str(table), '--out', str(path), '--serial-number', '1'])
+    return path
+
+
+def emulated(start, *options):
+    emulator = start('hand_emulator', '--json', *options)
+    emulator.wait_for('}')
+    return json.loads(emulator.text.splitlines()[0])['port'], emulator
+
+
+@pytest.mark.timeout(180)
+def test_a_ball_is_grasped_from_start_to_force(start, listener, ball):
+    node = bridge(
+        start, 'backend:=emulator', f'emulator_object:={ball}', 'initialize_on_start:=true',
+        'close_force:=6.0',
+    )  # fmt: skip
+    listener.listen(JointState, 'hand/joint_states')
+    listener.listen(WrenchStamped, 'hand/finger_1/wrench')
+    listener.listen(Float64, 'hand/finger_2/gauge_counts')
+    rows = listener.next_contacts()
+    assert all(rows['flags'] & 8)
+    refused = listener.call('hand/close')
+    assert not refused.success and 'tare' in refused.message
+    assert listener.call('hand/tare').success
+    assert not any(listener.next_contacts()['flags'] & 8)
+
+    publisher = listener.node.create_publisher(JointTrajectory, 'hand/joint_trajectory', 10)
+    listener.until(lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(
+        JointTrajectory(
+            joint_names=['spread', 'finger_1_inner', 'finger_2_inner'],
+            points=[
+                JointTrajectoryPoint(
+                    positions=[np.pi / 2, 0.75, 0.75], time_from_start=Duration(sec=3)
+                )
+            ],
+        )
+    )
+    node.wait_for('trajectory followed', 40.0)
+
+    assert listener.call('hand/close').message == 'closed at 6 N'
+    rows = listener.next_contacts()
+    assert rows['finger'].tolist() == [1, 2, 3]
+    for row in rows[:2]:
+        force = np.array([row['fx'], row['fy'], row['fz']])
+        normal = np.array([row['nx'], row['ny'], row['nz']])
+        assert row['flags'] == 1
+        assert force @ normal == pytest.approx(6.4, abs=1.2)
+        assert 0.0005 < row['travel'] < 0.003
+        assert np.isinf(row['sigma_t'])
+    assert rows['nx'][0] == pytest.approx(1.0, abs=0.01)
+    assert rows['flags'][2] == 0
+    assert listener.heard['hand/finger_1/wrench'][-1].header.frame_id == 'finger_1_tip'
+    assert listener.heard['hand/joint_states'][-1].effort[2] > 0.2
+    assert 130 < listener.heard['hand/finger_2/gauge_counts'][-1].data < 200
+
+    refused = listener.call('hand/tare')
+    assert not refused.success
+    assert listener.call('hand/open').message == 'open'
+    listener.until(lambda: listener.status()[1] == 'free')
+    assert node.stop(signal.SIGINT) == 0
+    assert 'Traceback' not in node.text
+
+
+@pytest.mark.timeout(180)
+def test_a_lost_hand_is_stale_at_once_and_wants_a_tare_when_it_is_back(
+    start, listener, tmp_path, calibration
+):
+    link = tmp_path / 'hand'
+    emulated(start, '--link', link, '--fault', 'unplug@14:2')
+    node = bridge(
+        start, f'port:={link}', f'calibration:={calibration}', 'initialize_on_start:=true',
+        'tare_on_start:=true',
+    )  # fmt: skip
+    node.wait_for('tare: zero in counts', 60.0)
+    listener.until(lambda: any(rows['flags'][0] & 4 for rows in listener.contacts[-200:]))
+    listener.until(lambda: listener.status() and listener.status()[2]['state'] == 'lost')
+    node.wait_for('again connected', 60.0)
+    listener.until(lambda: listener.next_contacts()['flags'][0] == 8)
+    assert node.stop(signal.SIGTERM) == 0
+
+
+@pytest.mark.timeout(180)
+def test_stop_interrupts_a_slow_close(start, listener, ball):
+    bridge(
+        start, 'backend:=emulator', f'emulator_object:={ball}', 'initialize_on_start:=true',
+        'tare_on_start:=true', 'approach_speed:=0.02',
+    ).wait_for('tare: zero', 60.0)  # fmt: skip
+    client = listener.node.create_client(Trigger, 'hand/close')
+    listener.until(client.service_is_ready)
+    closing = client.call_async(Trigger.Request())
+    listener.next_contacts()
+    assert listener.call('hand/stop').success
+    listener.until(closing.done)
+    assert not closing.result().success
+
+
+@pytest.mark.timeout(180)
+def test_a_can_hand_publishes_pins_and_touch_cells(start, listener, tmp_path):
+    port = '24801'
+    emulator = start(
+        'hand_emulator', '--hand', '280', '--json', '--can-port', port, '--press', '2:7:3.5'
+    )
+    emulator.wait_for('}')
+    calibration = tmp_path / 'hand_280.yaml'
+    cubic = {
+        'kind': 'cubic', 'coefficients_nm': [-2.85, 3.764e-3, -1.708e-6, 2.754e-10],
+        'zero': 'difference', 'reference_counts': 1809.0, 'no_load_counts': [1700.0, 2150.0],
+        'noise_counts': 3.0, 'residual_nm': 0.003, 'relative_sigma': 0.1, 'valid_torque_nm': 1.1,
+    }  # fmt: skip
+    calibration.write_text(
+        json.dumps(
+            {
+                'format': 'barrett_hand_calibration/1',
+                'hand': 'BH8-280',
+                'serial_number': '0',
+                'fingers': {1: cubic, 2: cubic, 3: cubic},
+            }
+        ).replace('"1":', '1:').replace('"2":', '2:').replace('"3":', '3:')
+    )  # fmt: skip
+    assert read_calibration(calibration).hand == 'BH8-280'
+    bridge(
+        start, 'backend:=can', 'interface:=udp_multicast', "channel:='239.74.163.2'",
+        f'can_port:={port}', f'calibration:={calibration}', 'initialize_on_start:=true',
+        'touch:=full',
+    )  # fmt: skip
+    listener.until(lambda: listener.contacts and len(listener.contacts[-1]) == 4, 60.0)
+    cell = listener.contacts[-1][3]
+    assert (cell['finger'], cell['flags']) == (2, 1)
+    assert cell['radius'] == pytest.approx(0.003, abs=0.0005)
+
+
+@pytest.mark.timeout(180)
+def test_simulated_time_gives_one_cycle_per_tick_with_its_stamp(start, listener, calibration):
+    hand = SerialHand(HandMechanics(HandBody(), 1), serial_number=1)
+    port = PtyPort(hand, paced=False, real_time=False)
+    port.start()
+    clock = listener.node.create_publisher(Clock, '/clock', 10)
+    stamps = []
+    listener.node.create_subscription(
+        PointCloud2,
+        'hand/contacts',
+        lambda m: stamps.append(m.header.stamp.sec * 100 + m.header.stamp.nanosec // 10_000_000),
+        QoSProfile(depth=500),
+    )
+    bridge(
+        start, f'port:={port.path}', f'calibration:={calibration}', 'use_sim_time:=true',
+        'poll_period:=0.01', 'initialize_on_start:=true',
+    )  # fmt: skip
+    listener.until(lambda: clock.get_subscription_count() >= 1)
+    now = [100]
+
+    def tick():
+        now[0] += 1
+        port.advance(0.01)
+        time = Time(sec=now[0] // 100, nanosec=now[0] % 100 * 10_000_000)
+        clock.publish(Clock(clock=time))
+
+    def cycling():
+        tick()
+        return stamps
+
+    listener.until(cycling, 60.0)
+    for _ in range(20):
+        tick()
+        expected = now[0]
+        listener.until(lambda at=expected: stamps[-1] == at)
+    assert stamps[-20:] == list(range(now[0] - 19, now[0] + 1))
+    port.stop()
+
+
+@pytest.mark.timeout(120)
+def test_the_hand_pose_follows_the_arm(start, listener):
+    bridge(start, 'backend:=emulator', 'arm:=cobra_600').wait_for('not initialised', 60.0)
+    listener.listen(PoseStamped, 'hand_pose')
+    publisher = listener.node.create_publisher(JointState, 'arm/joint_states', 10)
+    listener.until(lambda: publisher.get_subscription_count() == 1)
+    names = ['joint_1', 'joint_2', 'joint_3', 'joint_4']
+
+    def posed():
+        publisher.publish(JointState(name=names, position=[0.0, 0.0, 0.1, 0.0]))
+        return listener.heard['hand_pose']
+
+    listener.until(posed)
+    position = listener.heard['hand_pose'][-1].pose.position
+    assert (position.x, position.y, position.z) == pytest.approx((0.6, 0.0, 0.287))
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize(
+    ('parameters', 'complaint'),
+    [
+        (('port:=/dev/ttyNOT', 'calibration:={calibration}'), '/dev/ttyNOT'),
+        (('port:=/dev/null',), 'parameter calibration is empty'),
+        (('calibration:=none.yaml',), 'none.yaml'),
+        (('backend:=telepathy',), "backend is 'telepathy'"),
+        (('backend:=emulator', 'emulator_object:=no.yaml'), 'no.yaml'),
+    ],
+)
+def test_a_bridge_that_cannot_work_ends_with_one_sentence(
+    start, calibration, parameters, complaint
+):
+    node = bridge(start, *(text.format(calibration=calibration) for text in parameters))
+    assert node.process.wait(40.0) == 1
+    assert complaint in node.text
+    assert 'Traceback' not in node.text
+
+
+@pytest.mark.timeout(120)
+def test_the_calibration_of_another_hand_is_refused(start, calibration):
+    port, _ = emulated(start, '--unpaced', '--seed', '99')
+    node = bridge(start, f'port:={port}', f'calibration:={calibration}')
+    assert node.process.wait(60.0) == 1
+    assert 'is for hand number 1, this hand says 99' in node.text

@@ -1,0 +1,48 @@
+"""Parameters: every default passes its own check, every wrong value is named."""
+
+import pytest
+
+from barrett_hand_bridge.parameters import PARAMETERS, ParameterError, check, check_all
+
+DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
+
+
+def test_all_defaults_are_allowed():
+    check_all(DEFAULTS)
+
+
+def test_names_are_unique_and_described():
+    assert len(DEFAULTS) == len(PARAMETERS)
+    assert all(len(parameter.description) > 10 for parameter in PARAMETERS)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'complaint'),
+    [
+        ('backend', 'usb', 'must be one of serial, can, emulator'),
+        ('close_force', 100.0, 'must be 0.1 to 25'),
+        ('close_force', float('nan'), 'must be 0.1 to 25'),
+        ('pin_length', [0.1], '1 values, needs 3'),
+        ('pin_length', [0.1, 0.1, 9.0], 'pin_length is 9'),
+    ],
+)
+def test_a_wrong_value_is_named_with_what_is_allowed(name, value, complaint):
+    with pytest.raises(ParameterError, match=complaint):
+        check(name, value)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'complaint'),
+    [
+        ('gravity', [0.0, 0.0, -0.5], 'length 0.5'),
+        ('opposed_fingers', [1, 1], 'two different fingers'),
+        ('opposed_fingers', [0, 1], 'two different fingers'),
+    ],
+)
+def test_values_are_checked_together(name, value, complaint):
+    with pytest.raises(ParameterError, match=complaint):
+        check_all({**DEFAULTS, name: value})
+
+
+def test_unknown_gravity_is_allowed():
+    check_all({**DEFAULTS, 'gravity': [0.0, 0.0, 0.0]})

@@ -1,0 +1,232 @@
+"""Drivers and emulated hands as separate processes, over a real pty and a real CAN bus."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from barrett_hand_bridge.gcl.driver import SerialHand, open_port
+from barrett_hand_bridge.hand import HandError, HandNotInitialisedError
+from barrett_hand_bridge.puck.driver import CanHand, open_bus
+from barrett_hand_bridge.stop_guard import guard_serial
+
+GROUP = '239.74.163.2'
+
+
+@pytest.fixture
+def free_port():
+    """A UDP port of its own for every test: multicast groups on one port hear each other."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(('', 0))
+        return probe.getsockname()[1]
+
+
+def where(running):
+    running.wait_for('}')
+    return json.loads(running.text.splitlines()[0])['port']
+
+
+def serial_hand(start, *options, **driver_options):
+    emulator = start('hand_emulator', '--json', *options)
+    port = where(emulator)
+    hand = SerialHand(lambda: open_port(port), **driver_options)
+    return hand, emulator, port
+
+
+def cycle(hand, wait_until, count=1):
+    """Take `count` samples, however often the machine is too busy in between."""
+    samples = []
+
+    def one():
+        try:
+            samples.append(hand.sample(None))
+        except HandNotInitialisedError:
+            raise
+        except HandError:
+            return False
+        return len(samples) >= count
+
+    wait_until(one, 30.0)
+    return samples
+
+
+def test_a_serial_hand_is_found_brought_to_38400_baud_initialised_and_cycled(start, wait_until):
+    hand, _, _ = serial_hand(start)
+    assert hand.connect().model == 'BH8-262'
+    hand.initialize()
+    samples = cycle(hand, wait_until, 100)
+    assert all(100 <= counts <= 145 for counts in samples[-1].gauge_counts)
+    hand.close()
+
+
+def test_a_client_that_comes_back_finds_the_hand_at_its_new_speed(start, wait_until):
+    hand, _, _ = serial_hand(start, '--unpaced')
+    hand.connect()
+    hand.initialize()
+    cycle(hand, wait_until)
+    hand.close()
+    hand.connect()
+    cycle(hand, wait_until)
+    hand.close()
+
+
+def test_an_unplugged_line_fails_with_a_reason_and_works_again_when_plugged(
+    start, wait_until, tmp_path
+):
+    link = tmp_path / 'hand'
+    emulator = start(
+        'hand_emulator', '--json', '--unpaced', '--link', link, '--fault', 'unplug@6:1'
+    )
+    assert where(emulator) == str(link)
+    hand = SerialHand(lambda: open_port(str(link)))
+    hand.connect()
+    hand.initialize()
+
+    def fails():
+        try:
+            hand.sample(None)
+        except HandError as error:
+            return 'gone' in str(error) or 'no longer answers' in str(error)
+        return False
+
+    wait_until(fails, 30.0)
+
+    def reconnects():
+        try:
+            return hand.connect()
+        except HandError:
+            return False
+
+    wait_until(reconnects, 30.0)
+    cycle(hand, wait_until)
+    hand.close()
+
+
+def test_a_killed_owner_of_the_line_leaves_no_moving_finger(start, wait_until):
+    """The guard process sends Ctrl-C when the process that drives the hand is killed."""
+    emulator = start('hand_emulator', '--json', '--unpaced')
+    port = where(emulator)
+    script = (
+        'import sys\n'
+        'from barrett_hand_bridge.gcl.driver import SerialHand, open_port\n'
+        'from barrett_hand_bridge.stop_guard import guard_serial\n'
+        'hand = SerialHand(lambda: open_port(sys.argv[1]),'
+        ' guard=lambda line: guard_serial(line.fileno()))\n'
+        'hand.connect()\n'
+        'hand.initialize()\n'
+        'while True:\n'
+        '    print(hand.sample({1: 0.05}).finger_counts[0], flush=True)\n'
+    )
+    owner = subprocess.Popen(
+        [sys.executable, '-c', script, port], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        while int(owner.stdout.readline()) < 200:
+            continue
+    finally:
+        owner.send_signal(signal.SIGKILL)
+        owner.wait()
+        owner.stdout.close()
+    # The guard holds the line until it has stopped the hand.
+    lines = []
+
+    def opens():
+        try:
+            lines.append(open_port(port))
+        except HandError:
+            return False
+        return True
+
+    wait_until(opens, 20.0)
+    line = lines[0]
+    line.baudrate = 38400
+    line.timeout = 0.5
+
+    def at_prompt():
+        line.write(b'\r')
+        return line.read(200).endswith(b'=> ')
+
+    wait_until(at_prompt, 20.0)
+    positions = []
+    for _ in range(2):
+        line.write(b'1FGET P\r')
+        positions.append(line.read_until(b'=> ').split()[2])
+    line.close()
+    assert positions[0] == positions[1]
+
+
+def test_a_guard_that_is_dismissed_sends_nothing(start):
+    emulator = start('hand_emulator', '--json', '--unpaced')
+    line = open_port(where(emulator))
+    line.timeout = 0.2
+    line.read(1000)
+    guard_serial(line.fileno()).dismiss()
+    assert line.read(10) == b''
+    line.close()
+
+
+def test_a_can_hand_between_two_processes(start, free_port, wait_until):
+    emulator = start('hand_emulator', '--hand', '280', '--json', '--can-port', free_port)
+    where(emulator)
+    hand = CanHand(lambda: open_bus('udp_multicast', GROUP, free_port))
+    wait_until(lambda: connects(hand), 30.0)
+    hand.initialize()
+    samples = cycle(hand, wait_until, 100)
+    assert all(1500 < counts < 2300 for counts in samples[-1].gauge_counts)
+    assert hand.strange_frames == 0
+    hand.close()
+
+
+def connects(hand):
+    try:
+        return hand.connect()
+    except HandError:
+        return False
+
+
+def test_two_can_hands_on_two_ports_do_not_hear_each_other(start, free_port, wait_until):
+    where(start('hand_emulator', '--hand', '280', '--json', '--can-port', free_port))
+    other = CanHand(lambda: open_bus('udp_multicast', GROUP, free_port + 1))
+    with pytest.raises(HandError, match='does not answer'):
+        other.connect()
+
+
+def test_a_can_hand_behind_a_usb_stick(start, wait_until):
+    emulator = start('hand_emulator', '--hand', '280', '--json', '--interface', 'slcan')
+    port = where(emulator)
+    hand = CanHand(lambda: open_bus('slcan', port))
+    wait_until(lambda: connects(hand), 30.0)
+    hand.initialize()
+    assert len(cycle(hand, wait_until, 20)) == 20
+    hand.close()
+
+
+def test_an_emulator_leaves_when_its_starter_is_gone(start):
+    reader, writer = os.pipe()
+    emulator = subprocess.Popen(
+        [sys.executable, '-m', 'barrett_hand_bridge.commands.hand_emulator', '--until-eof'],
+        stdin=reader,
+        stdout=subprocess.DEVNULL,
+    )
+    os.close(reader)
+    os.close(writer)
+    assert emulator.wait(20.0) == 0
+
+
+@pytest.mark.parametrize(
+    ('options', 'complaint'),
+    [
+        (('--object', 'no.yaml'), 'no.yaml'),
+        (('--fault', 'meteor@1'), "fault 'meteor@1'"),
+        (('--hand', '280', '--interface', 'nonsense'), 'nonsense'),
+    ],
+)
+def test_an_emulator_that_cannot_start_says_why(start, options, complaint):
+    emulator = start('hand_emulator', *options)
+    assert emulator.process.wait(20.0) == 1
+    assert complaint in emulator.text
+    assert 'Traceback' not in emulator.text

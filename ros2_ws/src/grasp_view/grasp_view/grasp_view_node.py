@@ -32,11 +32,12 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
 from . import messages
-from .page import Page, PageError
+from .page import BUTTONS, Page, PageError
 from .plot_panel import SERIES
 from .poses import Pose, PoseError
 from .scene_model import CONTACT, Snapshot
 from .time_series import History, TimeSeries
+from .what_if_node import NAMESPACE, WhatIf, WhatIfError
 
 NUMBERS = {
     **{
@@ -127,7 +128,15 @@ class GraspView(Node):
             self._commands.put,
             self._series,
             self._history,
+            () if self.get_parameter('what_if').value else tuple(BUTTONS),
         )
+        self.what_if: WhatIf | None = None
+        if self.get_parameter('what_if').value:
+            try:
+                self.what_if = WhatIf(self, self.page, str(self.get_parameter('object').value))
+            except WhatIfError:
+                self.page.close()
+                raise
         self.create_timer(1.0 / self._rate, self._tick)
         self.create_timer(1.0, self._diagnose)
         self.add_on_set_parameters_callback(self._set)
@@ -175,6 +184,13 @@ class GraspView(Node):
             'object in the hand frame until object_pose comes by topic: x y z (m) qx qy qz qw',
         )
         declare('replay_node', 'replay', 'name of the replay node whose services the page calls')
+        declare(
+            'what_if',
+            False,
+            'no hand: place fingers in the page, solved by a deformation process of its own',
+            **fixed,
+        )
+        declare('object', 'tennis_ball', 'object of what_if: name or object file', **fixed)
 
     def _set(self, parameters: list[Parameter]) -> SetParametersResult:
         changes: dict[str, Any] = {}
@@ -191,6 +207,7 @@ class GraspView(Node):
 
     def _subscribe(self) -> None:
         group = PolledGroup()
+        prefix = f'{NAMESPACE}/' if self.get_parameter('what_if').value else ''
 
         def listen(
             topic: str,
@@ -202,7 +219,7 @@ class GraspView(Node):
         ) -> None:
             subscription = self.create_subscription(
                 kind,
-                topic,
+                prefix + topic,
                 lambda _: None,
                 _qos(latched, latched or reliable),
                 callback_group=group,
@@ -265,6 +282,8 @@ class GraspView(Node):
 
     def _tick(self) -> None:
         self._poll()
+        if self.what_if is not None:
+            self.what_if.tick(self._snapshot.mesh)
         self._remember()
         self._run_commands()
         if self.page.watched:
@@ -340,6 +359,12 @@ class GraspView(Node):
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
+    def close(self) -> None:
+        """End the what-if solver and the page."""
+        if self.what_if is not None:
+            self.what_if.close()
+        self.page.close()
+
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the page until it is told to stop; 1 if it cannot be served."""
@@ -353,12 +378,12 @@ def main(arguments: list[str] | None = None) -> int:
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except (PageError, PoseError) as error:
+    except (PageError, PoseError, WhatIfError) as error:
         print(f'grasp_view: {error}', file=sys.stderr)
         code = 1
     finally:
         if node is not None:
-            node.page.close()
+            node.close()
             node.destroy_node()
         rclpy.try_shutdown()
     return code

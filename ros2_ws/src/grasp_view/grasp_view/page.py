@@ -9,7 +9,7 @@ from __future__ import annotations
 import html
 import io
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import viser
@@ -92,8 +92,12 @@ class Page:
         command: Command,
         series: TimeSeries,
         history: History[Snapshot],
+        buttons: Sequence[str] = tuple(BUTTONS),
     ) -> None:
-        """Serve on http://host:port; raises PageError where that cannot be done."""
+        """Serve on http://host:port; raises PageError where that cannot be done.
+
+        buttons: the names in `BUTTONS` to offer beside the screenshot.
+        """
         try:
             self.server = viser.ViserServer(host=host, port=port, verbose=False)
         except OSError as error:
@@ -110,14 +114,14 @@ class Page:
         self._command = command
         self._legend_text = self._state_text = ''
         self._next_plot = self._next_text = 0.0
-        self._build()
+        self._build(buttons)
         self.plots = PlotPanel(self.server, series)
 
         @self.server.on_client_connect
         def _(_: viser.ClientHandle) -> None:
             self._next_plot = 0.0
 
-    def _build(self) -> None:
+    def _build(self, buttons: Sequence[str]) -> None:
         gui = self.server.gui
         gui.configure_theme(
             control_layout='floating',
@@ -152,7 +156,8 @@ class Page:
             self._back = gui.add_slider('Seconds', -1.0, 0.0, 0.01, 0.0, disabled=True)
             self._left_at = 0.0
         with gui.add_folder('Actions'):
-            for name, (label, hint) in BUTTONS.items():
+            for name in buttons:
+                label, hint = BUTTONS[name]
                 gui.add_button(label, hint=hint).on_click(self._caller(name))
             gui.add_button('Screenshot', hint='Save the 3-D picture as PNG').on_click(
                 self._screenshot

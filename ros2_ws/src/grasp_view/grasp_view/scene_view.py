@@ -82,6 +82,7 @@ class SceneView:
         self._scales = {name: SteadyScale(q.smallest) for name, q in QUANTITIES.items()}
         self._surfaces: list[viser.GlbHandle] = []
         self._front = 0
+        self._waiting = False
         self._lines: viser.MeshHandle | None = None
         self._depth: viser.LineSegmentsHandle | None = None
         self._legend: Legend | None = None
@@ -143,6 +144,7 @@ class SceneView:
             snapshot.nonlinear,
             snapshot.scan_error,
         ):
+            self._turn()
             return self._legend
         values = values_of(snapshot, quantity, options.shape)
         most = largest(values)
@@ -183,7 +185,7 @@ class SceneView:
 
     def _show(self, glb: bytes) -> None:
         # A body is gone from the browser while it parses a new file: two take turns, the hidden
-        # one is filled and shown at the next call, one frame (1/15 s) later.
+        # one is filled and shown at the next call, one frame later.
         if not self._surfaces:
             self._surfaces = [
                 self._scene.add_glb(f'/surface_{k}', glb, cast_shadow=False, receive_shadow=False)
@@ -191,11 +193,23 @@ class SceneView:
             ]
             self._surfaces[1].visible = False
             return
+        self._turn()
+        hidden = self._surfaces[1 - self._front]
+        with self._server.atomic():
+            self._surfaces[self._front].visible = True
+            hidden.visible = False
+            hidden.glb_data = glb
+        self._waiting = True
+
+    def _turn(self) -> None:
+        """Show the body that was filled at the last call."""
+        if not self._waiting:
+            return
+        self._waiting = False
         self._front = 1 - self._front
         with self._server.atomic():
             self._surfaces[self._front].visible = True
             self._surfaces[1 - self._front].visible = False
-            self._surfaces[1 - self._front].glb_data = glb
 
     def _show_mesh_lines(self, vertices: Floats, snapshot: Snapshot, options: ViewOptions) -> None:
         assert snapshot.mesh is not None

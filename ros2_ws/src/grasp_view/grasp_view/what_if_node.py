@@ -1,0 +1,212 @@
+"""The ROS half of what-if: a `deformation` process of its own under /what_if, and its contacts."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+from sensor_msgs.msg import PointCloud2
+
+from . import messages
+from .page import Page
+from .poses import Floats
+from .scene_model import Mesh
+from .what_if import (
+    Finger,
+    Touch,
+    contacts_of,
+    hits,
+    nearest,
+    object_variant,
+    opposite,
+    vertex_normals,
+)
+from .what_if_panel import FINGERS, WhatIfPanel, Wish
+
+NAMESPACE = '/what_if'
+RATE_HZ = 30.0
+SETTLE_S = 0.4
+STOP_S = 5.0
+
+
+class WhatIfError(RuntimeError):
+    """The what-if solver cannot run; the text names what is missing."""
+
+
+def executable(package: str, name: str) -> str:
+    """An executable of the workspace: beside this interpreter, of a colcon install, on PATH.
+
+    Raises WhatIfError if it is nowhere.
+    """
+    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    folders = [str(Path(sys.executable).parent)]
+    folders += [str(Path(prefix) / 'lib' / package) for prefix in prefixes if prefix]
+    found = shutil.which(name, path=os.pathsep.join(folders)) or shutil.which(name)
+    if found is None:
+        raise WhatIfError(f'what_if needs the executable {name} of package {package}')
+    return found
+
+
+def known_objects(chosen: str) -> dict[str, dict[str, Any]]:
+    """The objects that `shell_objects` knows, and `chosen` (name or file), by name."""
+    described: dict[str, dict[str, Any]] = {}
+    for arguments in ([], [chosen]):
+        done = subprocess.run(
+            [executable('shell_deform', 'shell_objects'), *arguments, '--json'],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60,
+        )
+        if done.returncode != 0:
+            raise WhatIfError(f'object {chosen!r}: {done.stderr.strip()}')
+        described.update({one['name']: one for one in json.loads(done.stdout)['objects']})
+    return described
+
+
+class WhatIf:
+    """Publishes the fingers' contacts and keeps the solver's parameters as the sliders say."""
+
+    def __init__(self, node: Node, page: Page, chosen: str) -> None:
+        """Start the solver; raises WhatIfError if that cannot be done."""
+        self._objects = known_objects(chosen)
+        name = chosen if chosen in self._objects else list(self._objects)[-1]
+        self._panel = WhatIfPanel(page.server, self._objects, name)
+        self._folder = tempfile.TemporaryDirectory(prefix='what_if_')
+        self._written = 0
+        self._clock = node.get_clock()
+        self._mesh: Mesh | None = None
+        self._normals: Floats | None = None
+        self._touches: dict[int, Touch] = {}
+        self._served = self._asked = self._panel.wish
+        self._changed_at = 0.0
+        self._future: Future | None = None
+        self._publisher = node.create_publisher(PointCloud2, f'{NAMESPACE}/hand/contacts', 10)
+        self._client = node.create_client(SetParameters, f'{NAMESPACE}/deformation/set_parameters')
+        self._process = subprocess.Popen(
+            [
+                executable('shell_deform', 'deformation'), '--ros-args',
+                '-r', f'__ns:={NAMESPACE}', '-p', f'object:={self._write(self._served)}',
+                '-p', 'drive:=force', '-p', 'frame:=object',
+            ],
+            stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+        node.create_timer(1.0 / RATE_HZ, self._publish)
+
+    def _write(self, wish: Wish) -> Path:
+        """The wished object as a file of a new name, so that the solver sees a change."""
+        self._written += 1
+        path = Path(self._folder.name) / f'{wish.object_name}_{self._written}.yaml'
+        variant = object_variant(
+            self._objects[wish.object_name], wish.young_modulus_pa, wish.gauge_pressure_pa
+        )
+        path.write_text(json.dumps(variant, indent=1))
+        return path
+
+    def tick(self, mesh: Mesh | None) -> None:
+        """Follow the mesh, the drags and the sliders; called at the page's rate."""
+        if mesh is not None and mesh is not self._mesh:
+            self._mesh, self._normals = mesh, vertex_normals(mesh)
+            self._place()
+        while not self._panel.drags.empty():
+            drag = self._panel.drags.get()
+            if self._mesh is None or self._normals is None:
+                continue
+            found = hits(self._mesh, self._normals, drag.origin, drag.direction)
+            if found:
+                self._touches[drag.finger] = found[0]
+        self._panel.show(self.fingers)
+        self._follow_wish()
+        if self._process.poll() is not None:
+            self._panel.say(f'the solver has ended with exit code {self._process.returncode}')
+
+    def _place(self) -> None:
+        """Fingers at the object's own contacts, else around its x axis; kept where they were."""
+        assert self._mesh is not None and self._normals is not None
+        at = [contact['at_m'] for contact in self._objects[self._served.object_name]['contacts']]
+        size = float(abs(self._mesh.rest).max())
+        at += [[size, 0.0, 0.0], [-size, 0.0, 0.0], [0.0, size, 0.0]][len(at) :]
+        for number in range(1, FINGERS + 1):
+            kept = self._touches.get(number)
+            place = at[number - 1] if kept is None else kept.point
+            self._touches[number] = nearest(self._mesh, self._normals, place)
+
+    @property
+    def fingers(self) -> list[Finger]:
+        """The fingers as they stand, those without force left out."""
+        if self._mesh is None or self._normals is None:
+            return []
+        touches = dict(self._touches)
+        if self._panel.opposing:
+            far = opposite(self._mesh, self._normals, touches[1])
+            touches[2] = far if far is not None else touches[2]
+        return [
+            Finger(number, touches[number], self._panel.force(number))
+            for number in sorted(touches)
+            if number < FINGERS or self._panel.force(number) > 0.0
+        ]
+
+    def _publish(self) -> None:
+        fingers = self.fingers
+        if fingers:
+            described = self._objects[self._served.object_name]
+            contacts = contacts_of(fingers, float(described['thickness_m']), 0.002)
+            self._publisher.publish(
+                messages.contacts_message(contacts, self._clock.now().to_msg())
+            )
+
+    def _follow_wish(self) -> None:
+        wish, now = self._panel.wish, time.monotonic()
+        if wish != self._asked:
+            self._asked, self._changed_at = wish, now
+        if self._future is not None and self._future.done():
+            result = self._future.result().results
+            refused = '; '.join(one.reason for one in result if not one.successful)
+            self._panel.say(f'refused: {refused}' if refused else '')
+            self._future = None
+        settled = now - self._changed_at > SETTLE_S
+        if self._asked == self._served or not settled or self._future is not None:
+            return
+        if not self._client.service_is_ready():
+            return
+        if self._asked.object_name != self._served.object_name:
+            self._touches.clear()
+        changes = [Parameter('theory', value=self._asked.theory)]
+        if self._asked.theory == self._served.theory:
+            changes = [Parameter('object', value=str(self._write(self._asked)))]
+            self._served = self._asked
+        else:
+            self._served = Wish(
+                self._served.object_name,
+                self._asked.theory,
+                self._served.young_modulus_pa,
+                self._served.gauge_pressure_pa,
+            )
+        request = SetParameters.Request(
+            parameters=[change.to_parameter_msg() for change in changes]
+        )
+        self._future = self._client.call_async(request)
+        self._panel.say('solving anew …')
+
+    def close(self) -> None:
+        """End the solver."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+            try:
+                self._process.wait(STOP_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        self._folder.cleanup()

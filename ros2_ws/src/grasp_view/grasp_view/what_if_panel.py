@@ -1,0 +1,126 @@
+"""The what-if half of the page: sliders for the object, and fingers one drags over it."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import viser
+
+from .poses import Floats
+from .scene_view import SCALE
+from .what_if import Finger
+
+FINGERS = 3
+LARGEST_FORCE_N = 25.0
+COLOURS = ((0, 69, 124), (192, 90, 0), (90, 90, 90))
+HANDLE_M = 3.5e-3
+THEORIES = ('koiter', 'paper')
+
+
+@dataclass(frozen=True)
+class Drag:
+    """A finger pulled to a ray from the eye: origin and direction (3,), m."""
+
+    finger: int
+    origin: Floats
+    direction: Floats
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What the sliders ask of the object."""
+
+    object_name: str
+    theory: str
+    young_modulus_pa: float
+    gauge_pressure_pa: float
+
+
+class WhatIfPanel:
+    """Sliders and handles; drags wait in `drags` for the node."""
+
+    def __init__(
+        self, server: viser.ViserServer, objects: Mapping[str, Mapping[str, Any]], chosen: str
+    ) -> None:
+        self._server = server
+        self._objects = objects
+        self.drags: queue.SimpleQueue[Drag] = queue.SimpleQueue()
+        self._handles: dict[int, viser.IcosphereHandle] = {}
+        gui = server.gui
+        with gui.add_folder('What if'):
+            self._object = gui.add_dropdown('Object', tuple(objects), initial_value=chosen)
+            self._theory = gui.add_dropdown('Theory', THEORIES)
+            self._young = gui.add_slider('Modulus (x file)', 0.1, 10.0, 0.05, 1.0)
+            self._pressure = gui.add_slider('Pressure (kPa)', 0.0, 200.0, 1.0, 0.0)
+            self._opposite = gui.add_checkbox(
+                'Finger 2 opposes finger 1', True, hint='Opposite place, same force'
+            )
+            self._force = [
+                gui.add_slider(f'Finger {k + 1} (N)', 0.0, LARGEST_FORCE_N, 0.05, start)
+                for k, start in enumerate((5.0, 5.0, 0.0))
+            ]
+            self._said = gui.add_html('')
+        self._opposite.on_update(lambda _: self._lock())
+        self._lock()
+
+    def _lock(self) -> None:
+        self._force[1].disabled = self._opposite.value
+
+    @property
+    def opposing(self) -> bool:
+        """Whether finger 2 mirrors finger 1."""
+        return bool(self._opposite.value)
+
+    def force(self, finger: int) -> float:
+        """Force of finger 1..3 in N."""
+        source = 0 if finger == 2 and self.opposing else finger - 1
+        return float(self._force[source].value)
+
+    @property
+    def wish(self) -> Wish:
+        """What the sliders ask of the object now."""
+        described = self._objects[self._object.value]
+        return Wish(
+            self._object.value,
+            self._theory.value,
+            float(described['young_modulus_pa']) * float(self._young.value),
+            float(self._pressure.value) * 1e3,
+        )
+
+    def say(self, text: str) -> None:
+        """One line under the sliders."""
+        self._said.content = f'<div style="padding:0.2em 1em;font-size:0.85em">{text}</div>'
+
+    def show(self, fingers: Sequence[Finger]) -> None:
+        """Put the handles where the fingers are."""
+        for finger in fingers:
+            place = (finger.touch.point + 1.4 * HANDLE_M * finger.touch.outward) * SCALE
+            handle = self._handles.get(finger.number)
+            if handle is None:
+                handle = self._server.scene.add_icosphere(
+                    f'/finger_{finger.number}',
+                    radius=HANDLE_M * SCALE,
+                    color=COLOURS[finger.number - 1],
+                    position=place,
+                    cast_shadow=False,
+                )
+                self._listen(finger.number, handle)
+                self._handles[finger.number] = handle
+            handle.position = tuple(place)
+            handle.visible = True
+        shown = {finger.number for finger in fingers}
+        for number, handle in self._handles.items():
+            if number not in shown and handle.visible:
+                handle.visible = False
+
+    def _listen(self, number: int, handle: viser.IcosphereHandle) -> None:
+        async def dragged(event: viser.SceneNodeDragEvent[viser.IcosphereHandle]) -> None:
+            eye = np.asarray(event.client.camera.position) / SCALE
+            pointer = np.asarray(event.end_position) / SCALE
+            self.drags.put(Drag(number, eye, pointer - eye))
+
+        handle.on_drag(dragged)

@@ -1,0 +1,165 @@
+"""What-if: fingers on a surface, variants of an object, and the real solver behind the page."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import PointCloud2
+
+from grasp_view.messages import read_contacts, read_surface
+from grasp_view.scene_model import Mesh
+from grasp_view.what_if import (
+    Finger,
+    Touch,
+    contacts_of,
+    hits,
+    nearest,
+    object_variant,
+    opposite,
+    vertex_normals,
+)
+
+RADIUS = 0.03
+BALL = trimesh.creation.icosphere(subdivisions=4, radius=RADIUS)
+MESH = Mesh(np.asarray(BALL.faces), np.asarray(BALL.vertices))
+NORMALS = vertex_normals(MESH)
+directions = st.lists(st.floats(-1, 1), min_size=3, max_size=3).filter(
+    lambda v: np.linalg.norm(v) > 0.1
+)
+
+
+def test_normals_of_a_ball_point_outward() -> None:
+    assert np.allclose(NORMALS, MESH.rest / RADIUS, atol=5e-3)
+
+
+@given(directions)
+def test_a_ray_through_a_ball_meets_it_twice_nearest_first(towards: list[float]) -> None:
+    direction = np.array(towards) / np.linalg.norm(towards)
+    found = hits(MESH, NORMALS, -3 * RADIUS * direction, direction)
+    ends = np.array([touch.point for touch in found])
+    assert np.allclose(ends[0], -RADIUS * direction, atol=1e-3 * RADIUS * 5)
+    assert np.allclose(ends[-1], RADIUS * direction, atol=1e-3 * RADIUS * 5)
+    assert np.allclose(found[0].outward, -direction, atol=0.02)
+
+
+def test_a_ray_beside_the_body_meets_nothing() -> None:
+    assert hits(MESH, NORMALS, np.array([0, 0, 2 * RADIUS]), np.array([1.0, 0, 0])) == []
+
+
+@given(directions)
+def test_the_opposite_place_of_a_ball_is_its_antipode(towards: list[float]) -> None:
+    direction = np.array(towards) / np.linalg.norm(towards)
+    here = hits(MESH, NORMALS, 3 * RADIUS * direction, -direction)[0]
+    there = opposite(MESH, NORMALS, here)
+    assert there is not None
+    assert np.allclose(there.point, -here.point, atol=0.02 * RADIUS)
+
+
+def test_an_open_edge_has_no_opposite_place() -> None:
+    flat = Mesh(np.array([[0, 1, 2]]), np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]))
+    touch = Touch(np.array([0.2, 0.2, 0.0]), np.array([0.0, 0.0, 1.0]))
+    assert opposite(flat, vertex_normals(flat), touch) is None
+
+
+def test_contacts_lie_on_the_outer_face_and_push_inward() -> None:
+    touch = nearest(MESH, NORMALS, np.array([1.0, 0, 0]))
+    contacts = contacts_of([Finger(1, touch, 7.0), Finger(2, touch, 0.0)], 0.002, 0.001)
+    assert np.linalg.norm(contacts.points[0]) == pytest.approx(RADIUS + 0.001)
+    assert np.allclose(contacts.forces[0], -7.0 * touch.outward)
+    assert contacts.flags.tolist() == [1, 0] and contacts.frame == 'object'
+
+
+def test_a_variant_keeps_what_it_does_not_change_and_drops_unknown_numbers() -> None:
+    described = {
+        'name': 'ball', 'surface': {'sphere': {'outer_diameter_m': 0.065}}, 'thickness_m': 0.0025,
+        'young_modulus_pa': 1e6, 'poisson_ratio': 0.5, 'yield_stress_pa': None, 'supports': [],
+        'gas': {'kind': 'sealed', 'gauge_pressure_pa': 0.0, 'ambient_pa': 101325.0},
+        'mesh': {'vertices': 650},
+    }  # fmt: skip
+    variant = object_variant(described, 2e6, 5e4)
+    assert variant['young_modulus_pa'] == 2e6
+    assert variant['gas'] == {
+        'kind': 'sealed', 'gauge_pressure_pa': 5e4, 'ambient_pa': 101325.0,
+    }  # fmt: skip
+    assert set(variant) == {
+        'name', 'surface', 'thickness_m', 'young_modulus_pa', 'poisson_ratio', 'gas',
+    }  # fmt: skip
+
+
+def test_an_open_object_gets_no_pressure() -> None:
+    described = {'name': 'can', 'gas': {'kind': 'none', 'gauge_pressure_pa': 0.0}}
+    assert object_variant(described, 1e9, 5e4)['gas'] == {'kind': 'none'}
+
+
+def test_a_variant_of_every_shipped_object_is_an_object_file(tmp_path: Path) -> None:
+    program = str(Path(sys.executable).parent / 'shell_objects')
+    listed = subprocess.run([program, '--json'], capture_output=True, check=True, timeout=60)
+    for described in json.loads(listed.stdout)['objects']:
+        path = tmp_path / f'{described["name"]}.yaml'
+        path.write_text(json.dumps(object_variant(described, 3e6, 0.0)))
+        read = subprocess.run(
+            [program, str(path), '--json'], capture_output=True, check=False, timeout=60
+        )
+        assert read.returncode == 0, read.stderr.decode()
+        assert json.loads(read.stdout)['objects'][0]['young_modulus_pa'] == 3e6
+
+
+def test_an_unknown_object_is_one_sentence_and_exit_code_1(start) -> None:
+    running = start(
+        'grasp_view', '--ros-args', '-p', f'port:={free_port()}', '-p', 'what_if:=true',
+        '-p', 'object:=teapot',
+    )  # fmt: skip
+    assert running.process.wait(90) == 1
+    assert 'teapot' in running.text and 'Traceback' not in running.text
+
+
+def free_port() -> int:
+    with socket.socket() as free:
+        free.bind(('127.0.0.1', 0))
+        return int(free.getsockname()[1])
+
+
+def test_the_placed_fingers_are_answered_by_the_real_solver(
+    start, domain_id: int, wait_until
+) -> None:
+    context = Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node('listener', context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    contacts: list[PointCloud2] = []
+    surfaces: list[PointCloud2] = []
+    node.create_subscription(PointCloud2, '/what_if/hand/contacts', contacts.append, 10)
+    node.create_subscription(PointCloud2, '/what_if/deformation/surface', surfaces.append, 10)
+    try:
+        running = start(
+            'grasp_view', '--ros-args', '-p', f'port:={free_port()}', '-p', 'what_if:=true'
+        )
+
+        def dented() -> bool:
+            executor.spin_once(timeout_sec=0.1)
+            moved = read_surface(surfaces[-1]).moved if surfaces else np.zeros((1, 3))
+            return bool(np.linalg.norm(moved, axis=1).max() > 5e-4)
+
+        wait_until(dented, 110, lambda: running.text)
+        sent = read_contacts(contacts[-1])
+        assert np.allclose(sent.forces.sum(axis=0), 0.0, atol=0.05)
+        assert np.allclose(np.linalg.norm(sent.points, axis=1), 0.0325, atol=2e-4)
+        assert running.stop(signal.SIGINT) == 0, running.text
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()

@@ -91,6 +91,9 @@ class Coverage:
 CONTACT_NEIGHBOURHOOD = 5e-3
 """Coverage is also given within this distance [m] of each contact."""
 
+COVERAGE_POINTS = 150_000
+"""Coverage is judged from at most this many scan points: they lie closer than the reach."""
+
 SMALLEST_REACH = 0.5e-3
 """A scan point speaks for at least this neighbourhood [m] of the model."""
 
@@ -108,7 +111,11 @@ def coverage(
     nothing. The reach is three times the median spacing of the feet, at least SMALLEST_REACH.
     """
     samples = surface.samples
-    feet = distances.foot[used]
+    chosen = np.flatnonzero(used)
+    if len(chosen) > COVERAGE_POINTS:
+        order = np.random.default_rng(0).permutation(len(chosen))
+        chosen = chosen[order[:COVERAGE_POINTS]]
+    feet = distances.foot[chosen]
     total = float(samples.area.sum())
     if len(feet) == 0:
         return Coverage(SMALLEST_REACH, 0.0, None, None, np.empty(0), np.empty(0))
@@ -124,7 +131,7 @@ def coverage(
         patch=float(samples.area[seen].sum() / total),
         dent=_share(samples.area, seen, dent),
         contact=_share(samples.area, seen, near),
-        model_to_scan=distances.distance[used][nearest[seen]],
+        model_to_scan=distances.distance[chosen[nearest[seen]]],
         model_area=samples.area[seen],
     )
 

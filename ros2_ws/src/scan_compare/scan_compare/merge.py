@@ -14,13 +14,13 @@ from scipy.spatial import cKDTree
 from scan_compare.rigid import IDENTITY, Pose, rotation_from_vector
 from scan_compare.scan import Scan
 
-NEIGHBOURS = 12
-"""Points of another view whose plane stands for its surface at a point."""
+NEIGHBOURS = 20
+"""Points of other views to which a paraboloid is fitted around a point."""
 
-POINTS_PER_VIEW = 5_000
-ROUNDS = 20
+POINTS_PER_VIEW = 20_000
+ROUNDS = 60
 SMALLEST_OVERLAP = 50
-SETTLED = 1e-7
+SETTLED = 1e-6
 """Refinement ends when no point of a view moves by more than this [m]."""
 
 
@@ -43,7 +43,7 @@ class Merge:
 def merge(views: list[Scan], reach_m: float = 2e-3) -> Merge:
     """Merge views that already lie near each other (a scan family) [m].
 
-    Every view in turn moves rigidly onto the local planes of all others within `reach_m`, the
+    Every view in turn moves rigidly onto the local shape of all others within `reach_m`, the
     first stays. Views keep their points: nothing is averaged. Raises MergeError for no views or
     a view that overlaps no other.
     """
@@ -100,14 +100,8 @@ def _pull(index: int, thinned: list[np.ndarray], poses: list[Pose], reach: float
     near = np.all(np.isfinite(gap.reshape(len(points), -1)), axis=1)
     if np.count_nonzero(near) < 6:
         return _Pull(IDENTITY, int(near.sum()), 0.0, 0.0, 0.0)
-    patch = others[nearest.reshape(len(points), -1)[near]]
-    centre = patch.mean(axis=1)
-    arms = patch - centre[:, None, :]
-    spread = np.einsum('nki,nkj->nij', arms, arms)
-    _, vectors = np.linalg.eigh(spread)
-    normal = vectors[:, :, 0]
     own = points[near]
-    distance = np.einsum('ni,ni->n', own - centre, normal)
+    normal, distance = _to_paraboloid(own, others[nearest.reshape(len(points), -1)[near]])
     weight = np.maximum(0.0, 1.0 - (distance / _cut(distance)) ** 2) ** 2
     middle = own.mean(axis=0)
     rows = np.hstack((np.cross(own - middle, normal), normal))
@@ -123,6 +117,30 @@ def _pull(index: int, thinned: list[np.ndarray], poses: list[Pose], reach: float
         float(near.mean()),
         float(np.max(np.linalg.norm(step.apply(own) - own, axis=1))),
     )
+
+
+def _to_paraboloid(points: np.ndarray, patch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return normals (n, 3) and distances (n,) of points (n, 3) from neighbours (n, k, 3).
+
+    A plane through the neighbours would lie inside a curved surface and pull every view inwards.
+    """
+    centre = patch.mean(axis=1, keepdims=True)
+    arms = patch - centre
+    _, frame = np.linalg.eigh(np.einsum('nki,nkj->nij', arms, arms))
+    local = np.einsum('nki,nij->nkj', arms, frame)
+    own = np.einsum('ni,nij->nj', points - centre[:, 0], frame)
+    size = np.abs(local[:, :, 1:]).max(axis=(1, 2), keepdims=True)
+    terms = _paraboloid_terms(local[:, :, 1:] / size)
+    normal_matrix = np.einsum('nki,nkj->nij', terms, terms) + 1e-9 * np.eye(6)
+    right = np.einsum('nki,nk->ni', terms, local[:, :, 0])
+    shape = np.linalg.solve(normal_matrix, right[..., None])[..., 0]
+    at = _paraboloid_terms((own[:, 1:] / size[:, 0])[:, None, :])[:, 0]
+    return frame[:, :, 0], own[:, 0] - np.einsum('ni,ni->n', at, shape)
+
+
+def _paraboloid_terms(across: np.ndarray) -> np.ndarray:
+    x, y = across[..., 0], across[..., 1]
+    return np.stack((np.ones_like(x), x, y, x * x, x * y, y * y), axis=-1)
 
 
 def _cut(distance: np.ndarray) -> float:

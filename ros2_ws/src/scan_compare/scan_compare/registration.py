@@ -23,6 +23,14 @@ from scan_compare.observability import (
     motion_rows,
 )
 from scan_compare.rigid import IDENTITY, Pose, nearest_rotation, rotation_from_vector
+from scan_compare.robust import (
+    CLUSTER,
+    beside,
+    coherent_weight,
+    spread_of,
+    tukey,
+    weight_beside_depth,
+)
 from scan_compare.statistics import group_by_cell
 
 SCANNER_SIGMA = 0.127e-3
@@ -38,17 +46,11 @@ MOST_STEPS = 60
 SETTLED = 1e-7
 """A step shorter than this [m] ends the fit: points change sides of the dent's border below it."""
 
-TUKEY = 4.685
-"""Tukey's constant: 95 % efficiency for Gaussian noise."""
-
 OFFSET_SENSITIVITY = 0.4
 """A uniform offset is kept apart from the pose unless that makes the pose this much weaker."""
 
 MOST_UNCERTAIN = 0.2e-3
 """A weak direction that noise alone leaves this uncertain [m] counts as unobservable."""
-
-CLUSTER = 5e-3
-"""Errors within this distance [m] may be correlated; the covariance allows for it."""
 
 
 class RegistrationError(ValueError):
@@ -205,8 +207,8 @@ def _equations(
         )
     motions = motion_rows(distances.foot, distances.normal)
     value = distances.distance
-    rigid_weight = np.where(rigid, _tukey(value, _spread(value[rigid], sigma)), 0.0)
-    rigid_weight *= _coherent_weight(points, value, rigid, sigma)
+    rigid_weight = np.where(rigid, tukey(value, spread_of(value[rigid], sigma)), 0.0)
+    rigid_weight *= coherent_weight(points, value, rigid, sigma)
     dent = np.flatnonzero(on_surface & in_dent)
     depth = np.zeros(len(points))
     all_weight = rigid_weight.copy()
@@ -216,52 +218,10 @@ def _equations(
         )
         depth[dent] = np.einsum('ni,ni->n', vectors, distances.normal[dent])
         offset = float(np.median(value[rigid]))
-        all_weight[dent] = _weight_beside_depth(value[dent] - offset, depth[dent], sigma)
+        all_weight[dent] = weight_beside_depth(value[dent] - offset, depth[dent], sigma)
     return _Fit(
         distances, motions.rows, motions.centre, motions.radius, rigid_weight, all_weight, depth
     )
-
-
-def _spread(distance: np.ndarray, least: float) -> float:
-    """Return a robust scale of `distance`: the median of |d|, as a standard deviation.
-
-    Not the median deviation: while the pose is still off, a common offset must not make every
-    point an outlier.
-    """
-    return max(least, 1.4826 * float(np.median(np.abs(distance))))
-
-
-def _tukey(distance: np.ndarray, scale: float) -> np.ndarray:
-    return np.maximum(0.0, 1.0 - (distance / (TUKEY * scale)) ** 2) ** 2
-
-
-def _coherent_weight(
-    points: np.ndarray, distance: np.ndarray, rigid: np.ndarray, sigma: float
-) -> np.ndarray:
-    """Return weights (n,) that leave out patches which deviate as a whole.
-
-    A dent that the model does not know ends in a skirt no deeper than the noise; the mean over a
-    patch shows it where single points do not.
-    """
-    patch, count = group_by_cell(points, CLUSTER)
-    members = np.bincount(patch, rigid, minlength=count)
-    total = np.bincount(patch, np.where(rigid, distance, 0.0), minlength=count)
-    mean = total / np.maximum(members, 1.0)
-    seen = members > 0
-    middle = float(np.median(mean[seen]))
-    least = sigma / np.sqrt(float(np.median(members[seen])))
-    return _tukey(mean - middle, _spread(mean[seen] - middle, least))[patch]
-
-
-def _weight_beside_depth(distance: np.ndarray, depth: np.ndarray, sigma: float) -> np.ndarray:
-    """Return Tukey's weights of points in the dents, a common error of their depth set aside."""
-    weight = np.ones(len(distance))
-    for _ in range(5):
-        norm = float(weight @ depth**2)
-        factor = float((weight * depth) @ distance) / norm if norm > 0.0 else 0.0
-        beside = distance - factor * depth
-        weight = _tukey(beside, _spread(beside, sigma))
-    return weight
 
 
 def _solve(fit: _Fit, sigma: float) -> _Step:
@@ -278,7 +238,7 @@ def _solve(fit: _Fit, sigma: float) -> _Step:
     columns = fit.depth[:, None]
     if offset_free:
         columns = np.column_stack((np.ones(len(distance)), fit.depth))
-    rows = _beside(fit.rows @ weak, columns, fit.all_weight)
+    rows = beside(fit.rows @ weak, columns, fit.all_weight)
     moved = distance + fit.rows @ motion
     weak_values, weak_vectors = np.linalg.eigh(information(rows, fit.all_weight))
     spread = sigma / np.sqrt(np.maximum(weak_values, 1e-300) * fit.all_weight.sum())
@@ -299,7 +259,7 @@ def _strong_rows(fit: _Fit, strong: np.ndarray) -> tuple[np.ndarray, bool]:
     the shift is fitted.
     """
     rows = fit.rows @ strong
-    free = _beside(rows, np.ones((len(rows), 1)), fit.rigid_weight)
+    free = beside(rows, np.ones((len(rows), 1)), fit.rigid_weight)
     least = np.linalg.eigvalsh(information(free, fit.rigid_weight))
     usual = np.linalg.eigvalsh(information(rows, fit.rigid_weight))
     if strong.shape[1] and least[0] >= OFFSET_SENSITIVITY**2 * usual[0]:
@@ -312,17 +272,6 @@ def _dent_share(fit: _Fit) -> float:
     extra = fit.all_weight[fit.rigid_weight == 0.0].sum()
     total = float(fit.all_weight.sum())
     return float(extra) / total if extra > 0.0 and total > 0.0 else 1.0
-
-
-def _beside(rows: np.ndarray, columns: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Remove from `rows` (n, k) what `columns` (n, m) explain as well, in the weighted sense.
-
-    The solution then leaves a free factor on each column: of the dents' depth, of a uniform
-    offset. Both are what a comparison is about and must not push the pose.
-    """
-    weighted = columns * weight[:, None]
-    factors = np.linalg.lstsq(weighted.T @ columns, weighted.T @ rows, rcond=1e-12)[0]
-    return rows - columns @ factors
 
 
 def _least_squares(rows: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:

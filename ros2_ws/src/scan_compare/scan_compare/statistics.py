@@ -20,7 +20,7 @@ DISC_POINTS = 50
 LARGEST_DISC_RADIUS = 6e-3
 """A thin scan widens the disc up to this radius [m]; beyond it no local maximum is quoted."""
 
-CELLS_PER_RADIUS = 4
+CELLS_PER_RADIUS = 3
 """Points are pooled in cells of this fraction of the disc's radius before discs are formed."""
 
 

@@ -2,23 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-from scan_compare.comparison import Comparison, ComparisonError, compare
-from scan_compare.deformed_surface import DeformedSurface
-from scan_compare.ranking import rank
-from scan_compare.report.files import dump_json
-from scan_compare.rigid import Pose, rotation_from_vector
-from scan_compare.scan import Scan
-from scan_compare.statistics import local_means, mean_unsigned_noise, summarise
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from shells import (  # noqa: E402
+from scan_shells import (
     BALL_RADIUS,
     SCANNER_SIGMA,
     Displacement,
@@ -27,6 +13,14 @@ from shells import (  # noqa: E402
     scan_points,
     two_dents,
 )
+
+from scan_compare.comparison import Comparison, ComparisonError, compare
+from scan_compare.deformed_surface import DeformedSurface
+from scan_compare.ranking import rank
+from scan_compare.report.files import dump_json
+from scan_compare.rigid import Pose, rotation_from_vector
+from scan_compare.scan import Scan
+from scan_compare.statistics import local_means, mean_unsigned_noise, summarise
 
 SCANNER = Pose(rotation_from_vector(np.array([0.05, -0.06, 0.0])), np.array([3e-3, -2e-3, 3e-3]))
 SIDE = np.array([1.0, 0.3, 0.2])

@@ -1,19 +1,14 @@
 from __future__ import annotations
 
-import sys
 import tracemalloc
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scan_mutations import MEMORY_FACTOR, MEMORY_SLACK, read_or_refuse, run, seeds
 
 from scan_compare.scan_file import ScanFileError, parse_scan
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from mutations import MEMORY_FACTOR, MEMORY_SLACK, read_or_refuse, run, seeds  # noqa: E402
 
 
 @pytest.mark.parametrize('name', list(seeds()))

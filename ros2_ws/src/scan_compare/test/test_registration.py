@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from scan_shells import (
+    BALL_RADIUS,
+    ball,
+    half_can,
+    occlude,
+    odd_body,
+    scan_points,
+    two_dents,
+)
 
 from scan_compare.deformed_surface import DeformedSurface
 from scan_compare.registration import Registration, RegistrationError, register
@@ -17,18 +23,6 @@ from scan_compare.rigid import (
     rotation_angle,
     rotation_from_quaternion,
     rotation_from_vector,
-)
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from shells import (  # noqa: E402
-    BALL_RADIUS,
-    ball,
-    half_can,
-    occlude,
-    odd_body,
-    scan_points,
-    two_dents,
 )
 
 DEGREE = np.pi / 180.0

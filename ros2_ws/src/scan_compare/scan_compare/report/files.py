@@ -11,7 +11,6 @@ from string import Template
 import numpy as np
 
 from scan_compare.comparison import Comparison
-from scan_compare.report.pictures import comparison_picture, patches_picture
 from scan_compare.report.table import coverage_rows, rows, verdict
 
 _PAGE = Template("""<!doctype html>
@@ -52,6 +51,9 @@ def write_report(comparison: Comparison, directory: Path, limit_m: float | None 
     comparison.json, comparison.csv, error.csv and error.ply (points in the object's frame with
     their signed distance), comparison.png, patches.png, report.html.
     """
+    # imported here: statistics and the live node do without matplotlib, which starts slowly
+    from scan_compare.report.pictures import comparison_picture, patches_picture
+
     directory.mkdir(parents=True, exist_ok=True)
     picture = comparison_picture(comparison, limit_m)
     patches = patches_picture(comparison)

@@ -1,0 +1,67 @@
+"""Weights that keep dents, fingers and wrong depths from pushing the pose of a scan."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scan_compare.statistics import group_by_cell
+
+TUKEY = 4.685
+"""Tukey's constant: 95 % efficiency for Gaussian noise."""
+
+CLUSTER = 5e-3
+"""Errors within this distance [m] may be correlated; the covariance allows for it."""
+
+
+def spread_of(distance: np.ndarray, least: float) -> float:
+    """Return a robust scale of `distance`: the median of |d|, as a standard deviation.
+
+    Not the median deviation: while the pose is still off, a common offset must not make every
+    point an outlier.
+    """
+    return max(least, 1.4826 * float(np.median(np.abs(distance))))
+
+
+def tukey(distance: np.ndarray, scale: float) -> np.ndarray:
+    """Return Tukey's biweight (n,) of distances whose standard deviation is `scale`."""
+    return np.maximum(0.0, 1.0 - (distance / (TUKEY * scale)) ** 2) ** 2
+
+
+def coherent_weight(
+    points: np.ndarray, distance: np.ndarray, rigid: np.ndarray, sigma: float
+) -> np.ndarray:
+    """Return weights (n,) that leave out patches which deviate as a whole.
+
+    A dent that the model does not know ends in a skirt no deeper than the noise; the mean over a
+    patch shows it where single points do not.
+    """
+    patch, count = group_by_cell(points, CLUSTER)
+    members = np.bincount(patch, rigid, minlength=count)
+    total = np.bincount(patch, np.where(rigid, distance, 0.0), minlength=count)
+    mean = total / np.maximum(members, 1.0)
+    seen = members > 0
+    middle = float(np.median(mean[seen]))
+    least = sigma / np.sqrt(float(np.median(members[seen])))
+    return tukey(mean - middle, spread_of(mean[seen] - middle, least))[patch]
+
+
+def weight_beside_depth(distance: np.ndarray, depth: np.ndarray, sigma: float) -> np.ndarray:
+    """Return Tukey's weights of points in the dents, a common error of their depth set aside."""
+    weight = np.ones(len(distance))
+    for _ in range(5):
+        norm = float(weight @ depth**2)
+        factor = float((weight * depth) @ distance) / norm if norm > 0.0 else 0.0
+        remainder = distance - factor * depth
+        weight = tukey(remainder, spread_of(remainder, sigma))
+    return weight
+
+
+def beside(rows: np.ndarray, columns: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Remove from `rows` (n, k) what `columns` (n, m) explain as well, in the weighted sense.
+
+    The solution then leaves a free factor on each column: of the dents' depth, of a uniform
+    offset. Both are what a comparison is about and must not push the pose.
+    """
+    weighted = columns * weight[:, None]
+    factors = np.linalg.lstsq(weighted.T @ columns, weighted.T @ rows, rcond=1e-12)[0]
+    return rows - columns @ factors

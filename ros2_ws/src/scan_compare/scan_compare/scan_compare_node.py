@@ -1,0 +1,388 @@
+"""The `scan_compare` node: scans and surfaces in, errors with their noise floor out."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import rclpy
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+
+from scan_compare import messages, parameters
+from scan_compare.rigid import IDENTITY, Pose
+from scan_compare.surface_history import StampedSurface, SurfaceHistory
+from scan_compare.worker import Cloud, Job, Result, Worker
+
+TEND_PERIOD_S = 0.02
+SURFACE_DEPTH = 50
+CONTACTS_DEPTH = 500
+SURFACE_FIELDS = ('x', 'y', 'z', 'ux', 'uy', 'uz')
+UNDEFORMED_SHARE = 3.0
+"""A model displaced by less than this many scanner sigmas counts as undeformed."""
+
+SCALARS = {
+    'mean_error': 'mean_error_m',
+    'max_error': 'max_error_m',
+    'noise_floor': 'noise_floor_m',
+}
+
+
+@dataclass
+class Pending:
+    """A scan that waits for a surface of its time."""
+
+    cloud: Cloud
+    stamp_ns: int
+    frame: str
+    arrived: float
+    future: Future | None = None
+
+
+class ScanCompareNode(Node):
+    """Compares every scan with the surface of its time; see the package README."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('scan_compare', **options)
+        for parameter in parameters.PARAMETERS:
+            self.declare_parameter(
+                parameter.name, parameter.default, messages.descriptor(parameter)
+            )
+        parameters.validate(self._values())
+        self.add_on_set_parameters_callback(self._validate)
+        self.history = SurfaceHistory(float(self._value('history')))
+        self.worker = Worker()
+        self._triangles: np.ndarray | None = None
+        self._pending: Pending | None = None
+        self._last: Pending | None = None
+        self._undeformed: Cloud | None = None
+        self._futures: dict[int, Future] = {}
+        self._jobs = 0
+        self._scans = self._done = self._refused = 0
+        self._force: dict[int, float] = {}
+        self._seconds = 0.0
+        self._submitted = 0.0
+        self._result: Result | None = None
+        self._failure = ''
+
+        reliable = QoSProfile(depth=10)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        best_effort = ReliabilityPolicy.BEST_EFFORT
+        self._error = self.create_publisher(PointCloud2, 'scan/error', latched)
+        self._scalars = {
+            name: self.create_publisher(Float64, f'scan/{name}', reliable) for name in SCALARS
+        }
+        self._diagnostics = self.create_publisher(
+            messages.DiagnosticArray, '/diagnostics', reliable
+        )
+        self.create_subscription(PointCloud2, 'scan/points', self._scan_message, reliable)
+        self.create_subscription(
+            PointCloud2,
+            'deformation/surface',
+            self._surface_message,
+            QoSProfile(depth=SURFACE_DEPTH, reliability=best_effort),
+        )
+        self.create_subscription(
+            PointCloud2,
+            'hand/contacts',
+            self._contacts_message,
+            QoSProfile(depth=CONTACTS_DEPTH, reliability=best_effort),
+        )
+        self.create_subscription(Mesh, 'deformation/mesh', self._mesh_message, latched)
+        # a group of its own: while the answer is awaited, timers and topics go on
+        self.create_service(
+            Trigger, 'scan/compare', self._compare, callback_group=ReentrantCallbackGroup()
+        )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(TEND_PERIOD_S, self._tend, clock=steady)
+        self.create_timer(1.0, self._diagnose, clock=steady)
+
+    # ---- parameters
+
+    def _value(self, name: str) -> Any:
+        return self.get_parameter(name).value
+
+    def _values(self) -> dict[str, Any]:
+        return {p.name: self._value(p.name) for p in parameters.PARAMETERS}
+
+    def _validate(self, changes: list[RosParameter]) -> SetParametersResult:
+        try:
+            parameters.validate({change.name: change.value for change in changes})
+        except parameters.ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        for change in changes:
+            if change.name == 'history':
+                self.history.seconds = float(change.value)
+        return SetParametersResult(successful=True)
+
+    # ---- inputs
+
+    def _mesh_message(self, message: Mesh) -> None:
+        try:
+            self._triangles = messages.triangles(message)
+        except messages.MessageError as error:
+            self._refuse(str(error))
+
+    def _surface_message(self, message: PointCloud2) -> None:
+        try:
+            rows = messages.columns(message, SURFACE_FIELDS, 'deformation/surface')
+        except messages.MessageError as error:
+            self._refuse(str(error))
+            return
+        if len(rows) == 0 or not np.all(np.isfinite(rows)):
+            self._refuse('deformation/surface is empty or holds numbers that are not finite')
+            return
+        stamp = messages.nanoseconds(message.header.stamp)
+        frame = message.header.frame_id
+        self.history.add(StampedSurface(stamp, rows[:, :3], rows[:, 3:], frame))
+
+    def _contacts_message(self, message: PointCloud2) -> None:
+        try:
+            rows = messages.columns(message, ('finger', 'fx', 'fy', 'fz'), 'hand/contacts')
+        except messages.MessageError as error:
+            self._refuse(str(error))
+            return
+        force = np.zeros((8, 3))
+        for finger, *components in rows:
+            if 0 <= finger < len(force) and np.all(np.isfinite(components)):
+                force[int(finger)] += components
+        self._force = {
+            finger: float(np.linalg.norm(force[finger])) for finger in {int(r[0]) for r in rows}
+            if 0 <= finger < len(force)
+        }  # fmt: skip
+
+    def _scan_message(self, message: PointCloud2) -> None:
+        self._scans += 1
+        try:
+            points = messages.columns(message, ('x', 'y', 'z'), 'scan/points')
+        except messages.MessageError as error:
+            self._refuse(str(error))
+            return
+        stamp = messages.nanoseconds(message.header.stamp)
+        cloud = Cloud('scan/points', points, str(self._value('scan_unit')))
+        self._pending = Pending(cloud, stamp, message.header.frame_id, time.monotonic())
+        self._last = self._pending
+
+    def _refuse(self, reason: str) -> None:
+        self._refused += 1
+        self._failure = reason
+        self.get_logger().error(reason, throttle_duration_sec=5.0)
+
+    async def _compare(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Compare the last scan, or the scan file, with the newest surface."""
+        path = str(self._value('scan_file'))
+        if self._last is not None:
+            cloud, frame, stamp = self._last.cloud, self._last.frame, self._last.stamp_ns
+        elif path:
+            cloud, frame, stamp = Cloud(path, None, None), '', 0
+        else:
+            response.success = False
+            response.message = (
+                'no scan has arrived on scan/points and the parameter scan_file is empty'
+            )
+            return response
+        future = Future()
+        self._submit(Pending(cloud, stamp, frame, time.monotonic(), future))
+        result: Result = await future
+        response.success = not result.error
+        response.message = result.error or json.dumps(result.statistics, sort_keys=True)
+        return response
+
+    # ---- comparisons
+
+    def _tend(self) -> None:
+        pending = self._pending
+        if pending is not None and self._surface_is_due(pending):
+            self._pending = None
+            self._submit(pending)
+        result = self.worker.poll()
+        if result is not None:
+            self._publish(result)
+
+    def _surface_is_due(self, pending: Pending) -> bool:
+        newest = self.history.newest
+        if newest is not None and newest.stamp_ns >= pending.stamp_ns:
+            return self._triangles is not None or self._waited(pending)
+        return self._waited(pending)
+
+    def _waited(self, pending: Pending) -> bool:
+        return time.monotonic() - pending.arrived >= float(self._value('surface_wait'))
+
+    def _submit(self, pending: Pending) -> None:
+        surface = self.history.at(pending.stamp_ns) if self._triangles is not None else None
+        self._jobs += 1
+        sigma = float(self._value('scanner_sigma'))
+        outlier = float(self._value('outlier_distance'))
+        notes = self._timing_notes(pending, surface)
+        undeformed = self._undeformed_cloud()
+        if surface is None or surface.max_displacement < UNDEFORMED_SHARE * sigma:
+            self._undeformed = pending.cloud
+            undeformed = None
+        job = Job(
+            number=self._jobs,
+            cloud=pending.cloud,
+            object=str(self._value('object')),
+            triangles=None if surface is None else self._triangles,
+            rest=None if surface is None else surface.rest,
+            deformed=None if surface is None else surface.position,
+            start=self._start(pending, surface),
+            scanner_sigma_m=sigma,
+            outlier_m=outlier or None,
+            undeformed=undeformed,
+            report_directory=str(self._value('report_directory')),
+            stamp_ns=pending.stamp_ns,
+            frame=surface.frame if surface is not None else str(self._value('object_frame')),
+            notes=notes,
+        )
+        if pending.future is not None:
+            self._futures[job.number] = pending.future
+        self._submitted = time.monotonic()
+        replaced = self.worker.submit(job)
+        if replaced is not None:
+            self._answer(Result(replaced, 0, '', 'replaced by a newer scan'))
+
+    def _timing_notes(self, pending: Pending, surface: StampedSurface | None) -> tuple[str, ...]:
+        notes = []
+        if surface is None:
+            notes.append('no deformation/surface received: compared with the object at rest')
+        elif pending.stamp_ns:
+            late = 1e-9 * (surface.stamp_ns - pending.stamp_ns)
+            if abs(late) > float(self._value('surface_tolerance')):
+                when = 'later' if late > 0 else 'earlier'
+                notes.append(f'the surface is {abs(late):.3g} s {when} than the scan')
+        if self._force:
+            forces = ', '.join(f'finger {k}: {v:.2f} N' for k, v in sorted(self._force.items()))
+            notes.append(f'forces when compared: {forces}')
+        return tuple(notes)
+
+    def _undeformed_cloud(self) -> Cloud | None:
+        path = str(self._value('undeformed_scan_file'))
+        return Cloud(path, None, None) if path else self._undeformed
+
+    def _start(self, pending: Pending, surface: StampedSurface | None) -> Pose | None:
+        way = str(self._value('scan_start'))
+        if way == 'given':
+            return parameters.pose('scan_pose', self._value('scan_pose'))
+        if way == 'search':
+            return None
+        object_frame = str(self._value('object_frame'))
+        if surface is None or (pending.frame and pending.frame == surface.frame):
+            return IDENTITY
+        if pending.frame in ('', object_frame):
+            return parameters.pose('object_pose', self._value('object_pose'))
+        return None
+
+    def _publish(self, result: Result) -> None:
+        self._seconds = time.monotonic() - self._submitted
+        self._answer(result)
+        if result.error:
+            self._refuse(result.error)
+            return
+        self._done += 1
+        self._failure = ''
+        self._result = result
+        self._error.publish(
+            messages.error_cloud(result.points, result.distance, result.stamp_ns, result.frame)
+        )
+        for name, key in SCALARS.items():
+            value = result.statistics[key]
+            if isinstance(value, float):
+                self._scalars[name].publish(messages.number(value))
+        self.get_logger().info(result.sentence)
+
+    def _answer(self, result: Result) -> None:
+        future = self._futures.pop(result.number, None)
+        if future is not None:
+            future.set_result(result)
+
+    # ---- health
+
+    def _diagnose(self) -> None:
+        level, summary, values = self._health()
+        self._diagnostics.publish(
+            messages.diagnostics(
+                self.get_clock().now().nanoseconds,
+                f'{self.get_fully_qualified_name()[1:]}: comparison',
+                level,
+                summary,
+                values,
+            )
+        )
+
+    def _health(self) -> tuple[str, str, dict[str, object]]:
+        values: dict[str, object] = {
+            'object': self._value('object'),
+            'scans': self._scans,
+            'comparisons': self._done,
+            'refused': self._refused,
+            'replaced by newer': self.worker.replaced,
+            'process restarts': self.worker.restarts,
+            'surfaces kept': len(self.history),
+            'busy': self.worker.busy,
+            'last comparison [s]': self._seconds,
+        }
+        if self._result is not None:
+            statistics = self._result.statistics
+            for key in ('mean_error_m', 'max_error_m', 'dent_mean_error_m', 'noise_floor_m'):
+                value = statistics[key]
+                if isinstance(value, float):
+                    values[key.removesuffix('_m') + ' [mm]'] = 1e3 * value
+            registration = statistics['registration']
+            if isinstance(registration, dict):
+                values['registration'] = registration['text']
+            values['verdict'] = self._result.sentence
+        if self._failure:
+            return 'error', self._failure, values
+        if self._result is None:
+            return 'ok', 'comparing' if self.worker.busy else 'waiting for a scan', values
+        return 'ok', self._result.sentence, values
+
+    def close(self) -> None:
+        """End the comparing process."""
+        self.worker.close()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the node until it is told to stop; returns the exit code."""
+    rclpy.init(args=arguments)
+    try:
+        node = ScanCompareNode()
+    except (
+        parameters.ParameterError,
+        InvalidParameterTypeException,
+        InvalidParameterValueException,
+    ) as error:
+        print(f'scan_compare: {error}', file=sys.stderr)
+        rclpy.try_shutdown()
+        return 1
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        executor.shutdown()
+        node.close()
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

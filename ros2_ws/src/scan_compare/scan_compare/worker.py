@@ -1,0 +1,299 @@
+"""Comparisons in a process of their own, so that no callback of the node ever waits for one.
+
+The process is spawned, never forked; it computes one comparison at a time and the newest job
+waiting replaces an older one.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+import numpy as np
+
+from scan_compare.comparison import ComparisonError, compare
+from scan_compare.deformed_surface import (
+    DeformedSurface,
+    SurfaceError,
+    surface_from_limit_positions,
+)
+from scan_compare.registration import RegistrationError
+from scan_compare.report.files import write_report
+from scan_compare.report.table import verdict
+from scan_compare.rigid import Pose
+from scan_compare.scan import Scan, clean
+from scan_compare.scan_file import ScanFileError, read_scan
+from scan_compare.units import UnitError, choose_unit, robust_extent
+from shell_deform.objects import ObjectError, ShellObject, load_object, object_mesh
+from shell_deform.surface.control_mesh import ControlMesh, MeshError, control_mesh
+from shell_deform.surface.limit import LimitSurface
+
+FAILURES = (
+    ComparisonError,
+    MeshError,
+    ObjectError,
+    OSError,
+    RegistrationError,
+    ScanFileError,
+    SurfaceError,
+    UnitError,
+)
+PATIENCE_S = 2.0
+"""How long an ending process is waited for before it is killed [s]."""
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """A scan as it arrived: points (n, 3) in `unit`, or the file to read it from."""
+
+    source: str
+    points: np.ndarray | None
+    unit: str | None
+
+
+@dataclass(frozen=True)
+class Job:
+    """One comparison to do.
+
+    rest, deformed: limit positions (n, 3) [m] and triangles (m, 3), or None for the object at
+    rest; start: pose of the scan or None to search; stamp_ns, frame: handed through.
+    """
+
+    number: int
+    cloud: Cloud
+    object: str
+    triangles: np.ndarray | None
+    rest: np.ndarray | None
+    deformed: np.ndarray | None
+    start: Pose | None
+    scanner_sigma_m: float
+    outlier_m: float | None
+    undeformed: Cloud | None
+    report_directory: str
+    stamp_ns: int
+    frame: str
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of a job: an `error` sentence, or points, distances and statistics."""
+
+    number: int
+    stamp_ns: int
+    frame: str
+    error: str = ''
+    points: np.ndarray = field(default_factory=lambda: np.empty((0, 3), np.float32))
+    distance: np.ndarray = field(default_factory=lambda: np.empty(0, np.float32))
+    statistics: dict[str, object] = field(default_factory=dict)
+    sentence: str = ''
+
+
+def run(job: Job) -> Result:
+    """Do one comparison; every expected failure becomes a result with an error sentence."""
+    try:
+        surface = _surface(job)
+        scan = _scan(job.cloud, surface)
+        undeformed = None if job.undeformed is None else _scan(job.undeformed, surface.at_rest())
+        comparison = compare(
+            scan,
+            surface,
+            undeformed,
+            scanner_sigma_m=job.scanner_sigma_m,
+            start=job.start,
+            outlier_m=job.outlier_m,
+        )
+        if job.report_directory:
+            write_report(comparison, Path(job.report_directory) / f'scan_{job.stamp_ns}')
+    except FAILURES as error:
+        return Result(job.number, job.stamp_ns, job.frame, str(error))
+    statistics = comparison.to_json()
+    statistics['notes'] = [*comparison.notes, *job.notes]
+    return Result(
+        job.number,
+        job.stamp_ns,
+        job.frame,
+        points=comparison.points.astype(np.float32),
+        distance=comparison.distances.distance.astype(np.float32),
+        statistics=statistics,
+        sentence='; '.join((verdict(comparison), *job.notes)),
+    )
+
+
+def _surface(job: Job) -> DeformedSurface:
+    shell = load_object(job.object)
+    if job.triangles is None or job.rest is None or job.deformed is None:
+        limit = _LIMITS.of(job.object, None, None)
+        vertices = limit.mesh.vertices
+        return DeformedSurface(limit, vertices, vertices, shell.thickness_m)
+    if len(job.deformed) != len(job.rest) or int(job.triangles.max()) >= len(job.rest):
+        raise SurfaceError(
+            f'deformation/surface has {len(job.deformed)} points but deformation/mesh names '
+            f'vertex {int(job.triangles.max())}'
+        )
+    limit = _LIMITS.of(job.object, job.triangles, job.rest)
+    return surface_from_limit_positions(limit, job.rest, job.deformed, shell.thickness_m)
+
+
+class _Limits:
+    """The limit surface in use: its tables and factors serve one comparison after the other."""
+
+    def __init__(self) -> None:
+        self._key: tuple[str, bytes] | None = None
+        self._limit: LimitSurface | None = None
+
+    def of(self, name: str, triangles: np.ndarray | None, rest: np.ndarray | None) -> LimitSurface:
+        """Return the surface of an object, or of the topology on `deformation/mesh`.
+
+        The object's own mesh is preferred when it is the same one: it knows its creases.
+        """
+        key = (name, b'' if triangles is None else triangles.tobytes())
+        if self._limit is None or key != self._key:
+            self._limit = LimitSurface(_mesh(name, triangles, rest))
+            self._key = key
+        return self._limit
+
+
+_LIMITS = _Limits()
+
+
+def _mesh(name: str, triangles: np.ndarray | None, rest: np.ndarray | None) -> ControlMesh:
+    shell = load_object(name)
+    if triangles is None or rest is None:
+        return object_mesh(shell)
+    return _same_mesh(shell, triangles, len(rest)) or control_mesh(rest, triangles)
+
+
+def _same_mesh(shell: ShellObject, triangles: np.ndarray, count: int) -> ControlMesh | None:
+    for wanted in (None, count):
+        mesh = object_mesh(shell, wanted)
+        if np.array_equal(mesh.triangles, triangles):
+            return mesh
+    return None
+
+
+def _scan(cloud: Cloud, surface: DeformedSurface) -> Scan:
+    if cloud.points is None:
+        return read_scan(cloud.source, cloud.unit, surface.extent)
+    cleaned = clean(cloud.points, None)
+    if len(cleaned.points) == 0:
+        raise ScanFileError(f'{cloud.source}: the scan has no points')
+    try:
+        unit = choose_unit(robust_extent(cleaned.points), cloud.unit, surface.extent)
+    except UnitError as error:
+        raise UnitError(f'{cloud.source}: {error}') from None
+    points = cleaned.points * unit.metres
+    return Scan(points, None, unit.name, unit.inferred, cloud.source, cleaned.notes)
+
+
+def serve(connection: Connection) -> None:
+    """Answer jobs until the other end closes."""
+    # Ctrl-C reaches the whole process group; the node decides when this process ends
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    while True:
+        try:
+            job = connection.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            result = run(job)
+        except Exception as error:  # a defect must reach the diagnostics, not end the process
+            result = Result(job.number, job.stamp_ns, job.frame, f'defect: {error!r}')
+        try:
+            connection.send(result)
+        except OSError:
+            return
+
+
+class Worker:
+    """Owns the process: starts it, hands it the newest job, restarts it when it died."""
+
+    def __init__(self) -> None:
+        self._context = multiprocessing.get_context('spawn')
+        self._connection: Connection | None = None
+        self._process: BaseProcess | None = None
+        self._running: Job | None = None
+        self._waiting: Job | None = None
+        self.restarts = -1
+        self.replaced = 0
+        self._start()
+
+    @property
+    def busy(self) -> bool:
+        """Whether a comparison is being computed or waits."""
+        return self._running is not None or self._waiting is not None
+
+    def submit(self, job: Job) -> int | None:
+        """Take a job; returns the number of the waiting job that it replaces, if any."""
+        replaced = self._waiting.number if self._waiting is not None else None
+        self.replaced += replaced is not None
+        self._waiting = job
+        self._hand_over()
+        return replaced
+
+    def poll(self) -> Result | None:
+        """Return a result if one is there; never waits for a computation."""
+        assert self._connection is not None
+        try:
+            if self._connection.poll():
+                result: Result = self._connection.recv()
+                self._running = None
+                self._hand_over()
+                return result
+        except (EOFError, OSError):
+            pass
+        if self._process is not None and not self._process.is_alive():
+            return self._died()
+        return None
+
+    def _hand_over(self) -> None:
+        if self._running is not None or self._waiting is None:
+            return
+        assert self._connection is not None
+        self._running, self._waiting = self._waiting, None
+        try:
+            self._connection.send(self._running)
+        except OSError:
+            # the process has died: `poll` reports the job and starts another
+            return
+
+    def _died(self) -> Result | None:
+        lost, self._running = self._running, None
+        assert self._process is not None
+        code = self._process.exitcode
+        self._start()
+        self._hand_over()
+        if lost is None:
+            return None
+        return Result(
+            lost.number,
+            lost.stamp_ns,
+            lost.frame,
+            f'the comparing process ended with code {code} and was started again',
+        )
+
+    def _start(self) -> None:
+        if self._connection is not None:
+            self._connection.close()
+        self._connection, other = self._context.Pipe()
+        self._process = self._context.Process(
+            target=serve, args=(other,), name='scan_compare_worker', daemon=True
+        )
+        self._process.start()
+        other.close()
+        self.restarts += 1
+
+    def close(self) -> None:
+        """End the process, whatever it is doing."""
+        if self._connection is not None:
+            self._connection.close()
+        if self._process is not None:
+            self._process.terminate()
+            self._process.join(PATIENCE_S)
+            if self._process.is_alive():
+                self._process.kill()
+                self._process.join()

@@ -1,0 +1,148 @@
+"""The real node as a process: a scan is answered with the surface of its time."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scan_observer import ScanObserver
+from scan_shells import ball, scan_points, two_dents
+
+SECOND = 1_000_000_000
+GRASP = ball(two_dents(0.006, bulge=0.0003))
+DEEPER = ball(two_dents(0.008, bulge=0.0003))
+REST = ball()
+
+
+@pytest.fixture
+def observer(domain_id: int) -> Iterator[ScanObserver]:
+    observer = ScanObserver()
+    yield observer
+    observer.close()
+
+
+@pytest.fixture
+def serve(start: Callable[..., Any], observer: ScanObserver) -> Callable[..., Any]:
+    def run(**parameters: object) -> Any:
+        arguments = ['--ros-args']
+        for name, value in parameters.items():
+            arguments += ['-p', f'{name}:={value}']
+        node = start('scan_compare', *arguments)
+        observer.connect()
+        return node
+
+    return run
+
+
+def test_a_scan_is_compared_with_the_surface_of_its_own_time(
+    serve: Callable[..., Any], observer: ScanObserver
+) -> None:
+    serve()
+    observer.send_mesh(GRASP)
+    for second in range(1, 9):
+        observer.send_surface(GRASP if second < 5 else DEEPER, second * SECOND)
+    observer.wait(lambda: observer.values.get('surfaces kept') == '8')
+    points = scan_points(GRASP, 20_000)
+    observer.send_scan(points, 3 * SECOND)
+    observer.wait(lambda: observer.errors and len(observer.numbers) == 3)
+    cloud = observer.errors[0]
+    assert cloud.header.stamp.sec == 3
+    assert cloud.header.frame_id == 'hand_base'
+    assert [field.name for field in cloud.fields] == ['x', 'y', 'z', 'distance']
+    rows = np.frombuffer(cloud.data, '<f4').reshape(-1, 4)
+    assert len(rows) == 20_000
+    assert np.abs(rows[:, 3]).mean() == pytest.approx(observer.numbers['mean_error'], rel=1e-3)
+    assert observer.numbers['mean_error'] == pytest.approx(0.1013e-3, rel=0.1)
+    assert observer.numbers['noise_floor'] == pytest.approx(0.1013e-3, rel=1e-3)
+    observer.send_scan(points, 7 * SECOND)
+    observer.wait(lambda: len(observer.errors) == 2)
+    observer.wait(lambda: observer.numbers['mean_error'] > 0.11e-3)
+    observer.wait(lambda: 'exceeds the noise floor' in observer.summary)
+
+
+def test_without_a_surface_the_object_at_rest_is_compared_and_said_so(
+    serve: Callable[..., Any], observer: ScanObserver
+) -> None:
+    serve(surface_wait=0.1)
+    observer.send_scan(scan_points(REST, 5_000), SECOND, 'object')
+    observer.wait(lambda: observer.errors)
+    assert observer.errors[0].header.frame_id == 'object'
+    observer.wait(lambda: 'object at rest' in observer.summary)
+
+
+def test_a_scan_in_inches_is_refused_with_the_factor(
+    serve: Callable[..., Any], observer: ScanObserver
+) -> None:
+    serve(surface_wait=0.1)
+    observer.send_scan(scan_points(REST, 5_000) / 0.0254, SECOND, 'object')
+    observer.wait(lambda: 'the file is in inch' in observer.summary)
+    assert not observer.errors
+
+
+def test_an_empty_scan_is_refused(serve: Callable[..., Any], observer: ScanObserver) -> None:
+    serve(surface_wait=0.1)
+    observer.send_scan(np.empty((0, 3)), SECOND, 'object')
+    observer.wait(lambda: 'no points' in observer.summary)
+
+
+def test_the_service_compares_the_scan_file(
+    serve: Callable[..., Any], observer: ScanObserver, tmp_path: Path
+) -> None:
+    path = tmp_path / 'ball.xyz'
+    np.savetxt(path, 1e3 * scan_points(REST, 5_000), fmt='%.5f')
+    serve(scan_file=path, report_directory=tmp_path / 'reports')
+    answer = observer.call_compare()
+    assert answer.success, answer.message
+    statistics = json.loads(answer.message)
+    assert statistics['mean_error_m'] == pytest.approx(0.1013e-3, rel=0.1)
+    assert any('unit inferred: mm' in note for note in statistics['notes'])
+    assert (tmp_path / 'reports' / 'scan_0' / 'report.html').exists()
+
+
+def test_the_service_without_any_scan_says_what_is_missing(
+    serve: Callable[..., Any], observer: ScanObserver
+) -> None:
+    serve()
+    answer = observer.call_compare()
+    assert not answer.success
+    assert 'no scan has arrived' in answer.message
+
+
+def test_a_killed_comparing_process_is_replaced(
+    serve: Callable[..., Any], observer: ScanObserver
+) -> None:
+    node = serve(surface_wait=0.1)
+    observer.wait(lambda: observer.values)
+    children = Path(f'/proc/{node.process.pid}/task/{node.process.pid}/children')
+    for child in children.read_text().split():
+        if 'spawn_main' in Path(f'/proc/{child}/cmdline').read_text():
+            os.kill(int(child), signal.SIGKILL)
+    observer.wait(lambda: observer.values.get('process restarts') == '1')
+    observer.send_scan(scan_points(REST, 5_000), SECOND, 'object')
+    observer.wait(lambda: observer.errors)
+
+
+def test_the_node_ends_cleanly_and_leaves_nothing_running(
+    serve: Callable[..., Any], observer: ScanObserver
+) -> None:
+    node = serve()
+    observer.wait(lambda: observer.values)
+    children = Path(f'/proc/{node.process.pid}/task/{node.process.pid}/children')
+    started = children.read_text().split()
+    assert node.stop(signal.SIGTERM) == 0
+    assert 'Traceback' not in node.text
+    observer.wait(lambda: not any(Path(f'/proc/{child}').exists() for child in started))
+
+
+def test_an_unknown_object_ends_the_node_with_one_sentence(start: Callable[..., Any]) -> None:
+    node = start('scan_compare', '--ros-args', '-p', 'object:=no_such_thing')
+    assert node.process.wait(60.0) == 1
+    assert 'scan_compare: object: ' in node.text
+    assert 'no_such_thing' in node.text
+    assert 'Traceback' not in node.text

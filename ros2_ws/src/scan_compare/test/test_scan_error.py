@@ -1,0 +1,107 @@
+"""The command as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from scan_shells import scan_points, shell, two_dents
+
+from scan_compare.commands.scan_error import main
+from scan_compare.model_file import surface_of_object
+from scan_compare.rigid import rotation_from_vector
+from scan_compare.scan_file import read_scan
+
+SHELL = surface_of_object('tennis_ball')
+REST = SHELL.limit.limit_positions(SHELL.rest)
+GRASPED = shell(REST, SHELL.mesh.triangles, SHELL.thickness, two_dents(0.005, bulge=0.0003))
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    """scan.xyz (inch), rest.xyz (mm), surface.ply and rest.ply (m): a synthetic grasp."""
+    turn = rotation_from_vector(np.array([0.03, -0.02, 0.0]))
+    np.savetxt(tmp_path / 'scan.xyz', scan_points(GRASPED, 20_000) @ turn / 0.0254, fmt='%.6f')
+    np.savetxt(tmp_path / 'rest.xyz', 1e3 * scan_points(SHELL, 20_000) @ turn, fmt='%.6f')
+    for name, control in (('surface.ply', GRASPED.deformed), ('rest.ply', GRASPED.rest)):
+        positions = GRASPED.limit.limit_positions(control)
+        mesh = trimesh.Trimesh(positions, GRASPED.mesh.triangles, process=False)
+        (tmp_path / name).write_bytes(mesh.export(file_type='ply', vertex_normal=False))
+    return tmp_path
+
+
+def test_json_is_one_document_on_stdout(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code = main(
+        [str(files / 'scan.xyz'), '--object', 'tennis_ball', '--json',
+         '--surface', str(files / 'surface.ply'), '--undeformed', str(files / 'rest.xyz')]
+    )  # fmt: skip
+    result = json.loads(capsys.readouterr().out)
+    assert code == 0
+    assert result['mean_error_m'] == pytest.approx(0.1013e-3, rel=0.1)
+    truth = GRASPED.max_displacement
+    assert result['max_displacement_m'] == pytest.approx(truth, rel=1e-3)
+    assert result['measured_max_displacement_m'] == pytest.approx(truth, abs=0.15e-3)
+    assert any('unit inferred: inch' in note for note in result['notes'])
+
+
+def test_a_report_opens_offline_and_its_error_map_is_a_scan(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = files / 'report'
+    arguments = [str(files / 'scan.xyz'), '--object', 'tennis_ball', '--out', str(out)]
+    arguments += ['--surface', str(files / 'surface.ply'), '--rest', str(files / 'rest.ply')]
+    assert main(arguments) == 0
+    assert 'mean error (unsigned, scan vertices)' in capsys.readouterr().out
+    page = (out / 'report.html').read_text()
+    assert page.count('data:image/png;base64,') == 2
+    assert 'http' not in page
+    assert read_scan(out / 'error.ply', 'm').points.shape == (20_000, 3)
+    assert len((out / 'error.csv').read_text().splitlines()) == 20_001
+    assert not list(out.glob('*.part'))
+    first = {path.name: path.read_bytes() for path in out.iterdir()}
+    main([*arguments, '--json'])
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == first
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (['scan.xyz', '--object', 'tennis_ball', '--unit', 'mm'], 'factor 25.4'),
+        (['absent.stl', '--object', 'tennis_ball'], 'absent.stl: No such file'),
+        (['scan.xyz', '--object', 'no_such_object'], 'no_such_object'),
+        (['scan.xyz', '--object', 'half_soda_can', '--surface', 'surface.ply'], '--rest'),
+        (['scan.xyz', '--object', 'tennis_ball', '--surface', 'scan.xyz'], 'triangles'),
+    ],
+)
+def test_failures_are_one_sentence_and_exit_code_one(
+    files: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    paths = [str(files / word) if '.' in word and word[0] != '-' else word for word in arguments]
+    assert main(paths) == 1
+    captured = capsys.readouterr()
+    assert captured.out == ''
+    assert words in captured.err
+    assert len(captured.err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [[], ['a.stl'], ['a.stl', '--object', 'x', '--scanner-sigma', '-1'],
+     ['a.stl', '--object', 'x', '--start', '1 2 3']],
+)  # fmt: skip
+def test_wrong_arguments_exit_with_code_two(arguments: list[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+
+
+def test_the_installed_command_prints_its_help() -> None:
+    command = Path(sys.executable).parent / 'scan_error'
+    shown = subprocess.run([command, '--help'], capture_output=True, text=True, timeout=60)
+    assert shown.returncode == 0
+    assert '[m]' in shown.stdout

@@ -18,8 +18,13 @@ UNIT_M = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'in': 0.0254}
 """Metres per unit of a mesh file."""
 
 
-def read_triangles(path: Path, unit: str) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """Vertices (n, 3) [m], equal ones merged, and triangles (m, 3) of any file trimesh reads.
+def read_triangles(
+    path: Path, unit: str, *, merge: bool = True
+) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """Vertices (n, 3) [m] and triangles (m, 3) of any file that trimesh reads.
+
+    Args:
+        merge: make vertices at the same place one.
 
     Raises:
         ObjectError: the file cannot be read or holds no triangle.
@@ -30,7 +35,8 @@ def read_triangles(path: Path, unit: str) -> tuple[FloatArray, npt.NDArray[np.in
         raise ObjectError(f'{path}: cannot be read as a mesh: {error}') from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise ObjectError(f'{path}: holds no triangles')
-    mesh.merge_vertices()
+    if merge:
+        mesh.merge_vertices()
     return np.asarray(mesh.vertices) * UNIT_M[unit], np.asarray(mesh.faces, dtype=np.int64)
 
 
@@ -46,11 +52,30 @@ def file_mesh(name: str, surface: MeshFile) -> ControlMesh:
             f'{name}: {surface.file} shows the {surface.face} face; make a control mesh of it '
             'with `object_prepare`'
         )
-    vertices, triangles = read_triangles(surface.file, surface.unit)
+    # A control mesh keeps its numbering, unless its format has none.
+    merge = surface.file.suffix.lower() == '.stl'
+    vertices, triangles = read_triangles(surface.file, surface.unit, merge=merge)
     try:
         return control_mesh(vertices, triangles)
     except MeshError as error:
         raise ObjectError(f'{name}: {surface.file}: {error}') from error
+
+
+def write_control_mesh(path: Path, mesh: ControlMesh) -> None:
+    """Write control points [m] in full precision and triangles as a PLY text file."""
+    header = [
+        'ply',
+        'format ascii 1.0',
+        'comment control mesh of a Loop subdivision surface, unit m',
+        f'element vertex {mesh.vertex_count}',
+        *(f'property double {axis}' for axis in 'xyz'),
+        f'element face {mesh.triangle_count}',
+        'property list uchar int vertex_indices',
+        'end_header',
+    ]
+    points = [' '.join(repr(x) for x in vertex) for vertex in mesh.vertices.tolist()]
+    faces = [f'3 {a} {b} {c}' for a, b, c in mesh.triangles.tolist()]
+    path.write_text('\n'.join([*header, *points, *faces]) + '\n', encoding='ascii')
 
 
 class LimitTarget:

@@ -1,0 +1,279 @@
+"""`object_prepare`: from a scan of the undeformed object to an object file."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+from rich.console import Console
+
+from shell_deform.commands.console import CommandError, print_json, run
+from shell_deform.objects import load_object
+from shell_deform.objects.file_mesh import UNIT_M, read_triangles, write_control_mesh
+from shell_deform.objects.prepare import PreparedScan, prepare, vertex_thickness
+
+FloatArray = npt.NDArray[np.float64]
+
+EDGES_PER_RADIUS = 0.8
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Prepare one object; 0 done, 1 failed with one sentence, 2 wrong arguments."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if options.error_m is not None and options.vertices is not None:
+        parser.error('give --vertices or --error-m, not both')
+    return run('object_prepare', lambda: _prepare(options))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='object_prepare',
+        description='Make an object file from a scan of the undeformed object: the scan is '
+        'cleaned, oriented, remeshed and fitted by a Loop control mesh whose limit surface is '
+        'the middle of the wall. Primitives need no scan: write their object file by hand.',
+    )
+    parser.add_argument('scan', type=Path, help='triangles in any format that trimesh reads')
+    parser.add_argument('--unit', choices=sorted(UNIT_M), required=True, help='unit of the scan')
+    parser.add_argument('--name', help="name of the object (default: the scan file's)")
+    parser.add_argument('--out', type=Path, default=Path(), help='folder for the results')
+    wall = parser.add_mutually_exclusive_group(required=True)
+    wall.add_argument('--thickness-m', type=_above_zero, help='wall thickness [m]')
+    wall.add_argument(
+        '--thickness-file',
+        type=Path,
+        help='wall thickness at places: a table of x y z thickness, all in m, comma separated',
+    )
+    parser.add_argument(
+        '--face',
+        choices=['outer', 'middle'],
+        default='outer',
+        help='what the scan shows (default: outer, half the thickness outside the middle)',
+    )
+    parser.add_argument(
+        '--young-modulus-pa', type=_above_zero, required=True, help="Young's modulus [Pa]"
+    )
+    parser.add_argument('--poisson-ratio', type=float, required=True, help='above -1, up to 0.5')
+    parser.add_argument(
+        '--vertices', type=_count, help='about how many control vertices (default: 640)'
+    )
+    parser.add_argument(
+        '--error-m',
+        type=_above_zero,
+        help='instead: as many as leave no more than this systematic error [m]',
+    )
+    parser.add_argument(
+        '--close-holes-m',
+        type=_not_negative,
+        help='close holes with a rim up to this length [m] (default: half the size of the '
+        'object); longer rims stay open',
+    )
+    parser.add_argument(
+        '--contact',
+        type=_contact,
+        action='append',
+        default=[],
+        metavar='X,Y,Z,RADIUS',
+        help='a pin on the outer face [m], in the frame of the scan; triangles are small there. '
+        'May be repeated',
+    )
+    parser.add_argument('--json', action='store_true', help='print one JSON document')
+    return parser
+
+
+def _prepare(options: argparse.Namespace) -> None:
+    name = options.name or options.scan.stem
+    thickness = options.thickness_m
+    if thickness is None:
+        thickness = _read_thickness(options.thickness_file)
+    console = Console(stderr=True)
+    with console.status(f'reading {options.scan}') as status:
+        vertices, triangles = read_triangles(options.scan, options.unit)
+        status.update(f'fitting {len(vertices)} points')
+        contacts = np.array(options.contact, dtype=np.float64).reshape(-1, 4)
+        edge = EDGES_PER_RADIUS * float(contacts[:, 3].min()) if len(contacts) else None
+        prepared = prepare(
+            vertices,
+            triangles,
+            thickness,
+            face=options.face,
+            control_vertices=options.vertices or 640,
+            error=options.error_m,
+            longest_rim=options.close_holes_m,
+            refine_at=contacts[:, :3],
+            refine_edge=edge,
+        )
+        status.update('writing the results')
+        files = _write(options, name, prepared, thickness)
+    report = _report(name, prepared, files)
+    if options.json:
+        print_json(report)
+        return
+    fit = report['fit']
+    print(
+        f'{name}: {report["vertices"]} control vertices; scan to surface {1e3 * fit["rms_m"]:.3g} '
+        f'mm rms, of which {1e3 * fit["systematic_m"]:.3g} mm systematic; '
+        f'{report["scan"]["pieces"]} pieces found, {report["scan"]["holes_closed"]} holes closed, '
+        f'{report["open_rims"]} rims open'
+    )
+    for warning in report['warnings']:
+        print(f'warning: {warning}')
+    for path in files.values():
+        print(path)
+
+
+def _write(
+    options: argparse.Namespace, name: str, prepared: PreparedScan, thickness: float | FloatArray
+) -> dict[str, str]:
+    options.out.mkdir(parents=True, exist_ok=True)
+    paths = {
+        'object': options.out / f'{name}.yaml',
+        'control_mesh': options.out / f'{name}_control.ply',
+        'error_map': options.out / f'{name}_error.npz',
+        'picture': options.out / f'{name}_fit.png',
+    }
+    mesh = prepared.fit.mesh
+    write_control_mesh(paths['control_mesh'], mesh)
+    walls = vertex_thickness(mesh, thickness)
+    content: dict[str, Any] = {
+        'name': name,
+        'surface': {'mesh': {'file': paths['control_mesh'].name, 'unit': 'm', 'face': 'control'}},
+        'thickness_m': float(thickness) if walls is None else walls.tolist(),
+        'young_modulus_pa': options.young_modulus_pa,
+        'poisson_ratio': options.poisson_ratio,
+        'contacts': [
+            {'at_m': list(contact[:3]), 'radius_m': contact[3], 'kind': 'pin'}
+            for contact in options.contact
+        ],
+        'control_vertices': mesh.vertex_count,
+        'source': f'fitted to the {options.face} face of {options.scan.name} ({options.unit}), '
+        f'{1e3 * prepared.fit.rms_m:.3g} mm rms',
+    }
+    paths['object'].write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')
+    load_object(paths['object'])
+    np.savez_compressed(
+        paths['error_map'],
+        points_m=prepared.points,
+        distance_m=prepared.fit.distance,
+        counted=prepared.fit.counted,
+    )
+    _draw(paths['picture'], prepared)
+    return {key: str(path) for key, path in paths.items()}
+
+
+def _report(name: str, prepared: PreparedScan, files: dict[str, str]) -> dict[str, Any]:
+    fit, mesh = prepared.fit, prepared.fit.mesh
+    counted = np.abs(fit.distance[fit.counted])
+    return {
+        'object': name,
+        'vertices': mesh.vertex_count,
+        'irregular_vertices': len(mesh.irregular_vertices),
+        'open_rims': _rim_count(mesh.boundary_edges),
+        'scan': prepared.report,
+        'fit': {
+            'points': len(fit.distance),
+            'counted': int(fit.counted.sum()),
+            'rms_m': fit.rms_m,
+            'systematic_m': fit.systematic_m,
+            'p95_m': float(np.quantile(counted, 0.95)),
+        },
+        'thickness_over_radius': prepared.slenderness,
+        'warnings': prepared.warnings(),
+        'files': files,
+    }
+
+
+def _rim_count(edges: npt.NDArray[np.int32]) -> int:
+    following = {int(a): int(b) for a, b in edges}
+    rims = 0
+    while following:
+        rims += 1
+        first, vertex = following.popitem()
+        while vertex != first:
+            vertex = following.pop(vertex)
+    return rims
+
+
+def _draw(path: Path, prepared: PreparedScan) -> None:
+    """Distances of the scan from the fitted face, in space and as a histogram."""
+    import matplotlib
+
+    matplotlib.use('Agg')
+    import matplotlib.pyplot as plt
+
+    fit = prepared.fit
+    shown = np.flatnonzero(fit.counted)
+    shown = shown[:: max(1, len(shown) // 20_000)]
+    points, distance = 1e3 * prepared.points[shown], 1e3 * fit.distance[shown]
+    limit = max(3.0 * float(np.std(distance)), 1e-6)
+    figure = plt.figure(figsize=(10.0, 4.5), dpi=140)
+    space = figure.add_subplot(1, 2, 1, projection='3d')
+    dots = space.scatter(
+        *points.T, c=distance, s=1.0, cmap='coolwarm', vmin=-limit, vmax=limit, linewidths=0
+    )
+    space.set_box_aspect(np.ptp(points, axis=0))
+    for axis, label in zip('xyz', ('x (mm)', 'y (mm)', 'z (mm)'), strict=True):
+        getattr(space, f'set_{axis}label')(label)
+    figure.colorbar(dots, ax=space, label='scan outside the fitted face (mm)', shrink=0.7)
+    histogram = figure.add_subplot(1, 2, 2)
+    histogram.hist(1e3 * fit.distance[fit.counted], bins=80, range=(-limit, limit))
+    histogram.set_xlabel('distance (mm)')
+    histogram.set_ylabel('scan points')
+    histogram.set_title(
+        f'{fit.mesh.vertex_count} control vertices, {1e3 * fit.rms_m:.3g} mm rms, '
+        f'{1e3 * fit.systematic_m:.3g} mm systematic'
+    )
+    figure.tight_layout()
+    figure.savefig(path, metadata={'Software': None})
+    plt.close(figure)
+
+
+def _read_thickness(path: Path) -> FloatArray:
+    try:
+        table = np.loadtxt(path, delimiter=',', ndmin=2)
+    except (OSError, ValueError) as error:
+        raise CommandError(f'{path}: no table of x, y, z, thickness: {error}') from error
+    if table.shape[1] != 4 or not np.isfinite(table).all() or (table[:, 3] <= 0.0).any():
+        raise CommandError(
+            f'{path}: needs four finite columns x, y, z, thickness with thickness above zero; it '
+            f'has {table.shape[1]}'
+        )
+    return table
+
+
+def _above_zero(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < np.inf:
+        raise argparse.ArgumentTypeError(f'{text} is not above zero')
+    return value
+
+
+def _not_negative(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value < np.inf:
+        raise argparse.ArgumentTypeError(f'{text} is negative')
+    return value
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if not 40 <= value <= 100_000:
+        raise argparse.ArgumentTypeError(f'{text} is not between 40 and 100000')
+    return value
+
+
+def _contact(text: str) -> tuple[float, float, float, float]:
+    parts = [float(part) for part in text.split(',')]
+    if len(parts) != 4 or not np.isfinite(parts).all() or parts[3] <= 0.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is not X,Y,Z,RADIUS with a radius above zero')
+    return parts[0], parts[1], parts[2], parts[3]
+
+
+if __name__ == '__main__':
+    sys.exit(main())

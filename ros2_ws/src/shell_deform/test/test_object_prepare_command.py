@@ -1,0 +1,101 @@
+"""The command `object_prepare`."""
+
+import json
+
+import numpy as np
+import pytest
+import scan_shapes as scans
+import trimesh
+
+from shell_deform.objects import load_object, object_mesh
+
+pytest.importorskip('fast_simplification')
+
+MATERIAL = ['--young-modulus-pa', '2e6', '--poisson-ratio', '0.45']
+
+
+def main(*arguments):
+    from shell_deform.commands.object_prepare import main as command
+
+    return command([str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope='module')
+def scan(tmp_path_factory):
+    path = tmp_path_factory.mktemp('scan') / 'potato.stl'
+    points, faces = scans.damaged(*scans.potato(5, 5e-5))
+    trimesh.Trimesh(1e3 * points, faces, process=False).export(path)
+    return path
+
+
+def test_a_scan_becomes_an_object_that_can_be_loaded(scan, tmp_path, capsys):
+    top = scans.potato_radius(np.array([[0, 0, 1.0]]))[0]
+    code = main(
+        scan, '--unit', 'mm', '--thickness-m', 0.0005, *MATERIAL, '--vertices', 400,
+        '--contact', f'0,0,{top},0.002', '--out', tmp_path, '--json',
+    )  # fmt: skip
+    report = json.loads(capsys.readouterr().out)
+    assert code == 0
+    assert report['fit']['rms_m'] == pytest.approx(5e-5, rel=0.1)
+    assert report['scan']['pieces'] == 2
+    assert report['scan']['holes_closed'] == 1
+    potato = load_object(tmp_path / 'potato.yaml')
+    assert (potato.young_modulus_pa, potato.poisson_ratio) == (2e6, 0.45)
+    assert potato.contacts[0].radius_m == 0.002
+    mesh = object_mesh(potato)
+    assert mesh.vertex_count == report['vertices'] == potato.control_vertices
+    assert mesh.is_closed
+    assert (tmp_path / 'potato_fit.png').stat().st_size > 10_000
+    errors = np.load(tmp_path / 'potato_error.npz')
+    assert errors['distance_m'].shape == (len(errors['points_m']),)
+
+
+def test_without_json_the_results_are_told_in_words(scan, tmp_path, capsys):
+    assert main(
+        scan, '--unit', 'mm', '--thickness-m', 0.003, *MATERIAL, '--vertices', 300,
+        '--name', 'spud', '--out', tmp_path,
+    ) == 0  # fmt: skip
+    text = capsys.readouterr().out
+    assert text.startswith('spud: ')
+    assert 'warning: the wall is' in text
+    assert 'spud.yaml' in text
+
+
+def test_a_thickness_per_place_is_kept_per_vertex(scan, tmp_path, capsys):
+    points, _ = scans.potato(2, 0.0)
+    table = np.column_stack([points, np.full(len(points), 0.001)])
+    np.savetxt(tmp_path / 'wall.csv', table, delimiter=',')
+    assert main(
+        scan, '--unit', 'mm', '--thickness-file', tmp_path / 'wall.csv', *MATERIAL,
+        '--vertices', 300, '--out', tmp_path, '--json',
+    ) == 0  # fmt: skip
+    potato = load_object(tmp_path / 'potato.yaml')
+    np.testing.assert_allclose(potato.vertex_thickness_m, 0.001)
+    assert len(potato.vertex_thickness_m) == json.loads(capsys.readouterr().out)['vertices']
+
+
+@pytest.mark.parametrize(
+    ('extra', 'message'),
+    [
+        (['--thickness-m', '0'], '0 is not above zero'),
+        (['--thickness-m', '0.001', '--vertices', '5'], '5 is not between 40 and 100000'),
+        (['--thickness-m', '0.001', '--contact', '1,2'], 'is not X,Y,Z,RADIUS'),
+        (['--thickness-m', '0.001', '--vertices', '50', '--error-m', '1e-4'], 'not both'),
+        ([], 'one of the arguments --thickness-m --thickness-file is required'),
+    ],
+)
+def test_wrong_arguments_exit_two(scan, extra, message, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(scan, '--unit', 'mm', *MATERIAL, *extra)
+    assert caught.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_an_unreadable_scan_is_one_sentence_and_exit_one(tmp_path, capsys):
+    path = tmp_path / 'broken.stl'
+    path.write_bytes(b'solid nothing')
+    assert main(path, '--unit', 'mm', '--thickness-m', 0.001, *MATERIAL, '--out', tmp_path) == 1
+    output = capsys.readouterr()
+    assert output.out == ''
+    assert output.err.startswith('object_prepare: ')
+    assert 'broken.stl' in output.err

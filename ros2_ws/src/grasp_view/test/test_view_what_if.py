@@ -42,7 +42,7 @@ directions = st.lists(st.floats(-1, 1), min_size=3, max_size=3).filter(
 
 
 def test_normals_of_a_ball_point_outward() -> None:
-    assert np.allclose(NORMALS, MESH.rest / RADIUS, atol=5e-3)
+    assert np.allclose(NORMALS, MESH.rest / RADIUS, atol=0.02)
 
 
 @given(directions)

@@ -11,20 +11,23 @@ from .scene import Floats, RowScene
 
 
 def nice_ceiling(value: float) -> float:
-    """The smallest 1, 2, 2.5 or 5 times a power of ten that is >= value (same unit)."""
+    """The smallest of 1, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten that is >= value."""
     if not value > 0.0:
         return 1.0
     power = 10.0 ** np.floor(np.log10(value))
-    for step in (1.0, 2.0, 2.5, 5.0, 10.0):
+    for step in (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0):
         if value <= step * power * (1 + 1e-9):
             return float(step * power)
     return float(10.0 * power)
 
 
 def error_scale(scenes: Sequence[RowScene]) -> float:
-    """The one upper end (m) of the error colours: above 99 % of all errors of all rows."""
+    """The one upper end (m) of the error colours: above 95 % of the errors of every surface.
+
+    The few larger ones would hide all the others; the colour bar says that it is open upwards.
+    """
     ends = [
-        float(np.percentile(np.abs(errors), 99.0))
+        float(np.percentile(np.abs(errors), 95.0))
         for scene in scenes
         for errors in (scene.nonlinear_error, scene.linear_error)
         if len(errors)
@@ -53,3 +56,22 @@ def seen_radius(scene: RowScene) -> float:
     corners = scene.rest[scene.triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     return max(1.0e-3, 1.2 * float(np.percentile(edges, 90.0)))
+
+
+def scan_displacement(scene: RowScene) -> Floats:
+    """(p,) m, how far each scan point lies inside the rest face, for the scan's grey tones.
+
+    What the scene gives, else the height below the tangent plane of the nearest rest vertex:
+    on a vertex spacing s and a radius R that is off by at most s^2 / 4 R.
+    """
+    if scene.scan_displacement is not None:
+        return scene.scan_displacement
+    normals = np.zeros_like(scene.rest)
+    a, b, c = (scene.rest[scene.triangles[:, k]] for k in range(3))
+    face = np.cross(b - a, c - a)
+    for k in range(3):
+        np.add.at(normals, scene.triangles[:, k], face)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    _, index = cKDTree(scene.rest).query(scene.scan_points)
+    moved = scene.rest[index] - scene.scan_points
+    return np.einsum('ij,ij->i', moved, normals[index])

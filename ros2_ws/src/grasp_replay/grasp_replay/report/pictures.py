@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from itertools import cycle
 
 import numpy as np
 from matplotlib import colormaps
@@ -19,7 +20,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from .camera import Camera, dent_camera, faces_viewer, painter_order, visible_points
-from .errors import nice_ceiling, seen_radius, vertex_errors
+from .errors import nice_ceiling, scan_displacement, seen_radius, vertex_errors
 from .scene import Curve, Floats, Kind, LinearityTrace, RowScene
 from .section import dent_section, level_lines
 
@@ -28,6 +29,11 @@ INSIDE = (0.45, 0.45, 0.45, 1.0)
 NONLINEAR, LINEAR, REST = '#00457c', '#c05a00', '#909090'
 MARKERS: dict[Kind, str] = {'published': 's', 'measured': 'D', 'synthetic': 'o', 'predicted': '^'}
 MILLI = 1e3
+THEORY_LINES: dict[str, tuple[str, str]] = {
+    'koiter': (NONLINEAR, '-'),
+    'paper': (REST, '-.'),
+    'linear': (LINEAR, '--'),
+}
 
 
 def _figure(width: float, height: float) -> Figure:
@@ -142,7 +148,9 @@ def triptych(scene: RowScene, error_top_m: float) -> Figure:
     for axes in panels:
         _arrows(axes, camera, scene, 0.28 * reach / MILLI)
     bar = figure.colorbar(
-        ScalarMappable(scale, 'cividis'), cax=figure.add_axes((0.93, 0.12, 0.014, 0.66))
+        ScalarMappable(scale, 'cividis'),
+        cax=figure.add_axes((0.93, 0.12, 0.014, 0.66)),
+        extend='max',
     )
     bar.set_label('|distance scan to surface| (mm)')
     figure.text(
@@ -165,11 +173,9 @@ def _scan(figure: Figure, axes: Axes, camera: Camera, scene: RowScene) -> None:
         return
     order = np.argsort(depth, kind='stable')
     flat = flat[order] * MILLI
-    if scene.scan_displacement is None:
-        axes.scatter(flat[:, 0], flat[:, 1], s=3.0, c=depth[order], cmap='Greys_r', linewidths=0)
-        return
-    inward = scene.scan_displacement[shown][order] * MILLI
-    top = max(float(np.percentile(scene.scan_displacement, 99.5)) * MILLI, 0.1)
+    displacement = scan_displacement(scene)
+    inward = displacement[shown][order] * MILLI
+    top = max(float(np.percentile(displacement, 99.5)) * MILLI, 0.1)
     drawn = axes.scatter(
         flat[:, 0],
         flat[:, 1],
@@ -229,19 +235,19 @@ def force_displacement(curves: Sequence[Curve]) -> Figure:
     """Force per contact over displacement, each curve with its kind and its band."""
     figure = _figure(8.0, 4.6)
     axes = figure.add_axes((0.08, 0.12, 0.90, 0.84))
-    colours = colormaps['cividis'](np.linspace(0.0, 0.85, max(len(curves), 1)))
-    styles = ['-', '--', '-.', ':', (0, (5, 1, 1, 1)), (0, (1, 1))]
-    lines = 0
-    for curve, colour in zip(curves, colours, strict=True):
+    others = iter(colormaps['cividis'](np.linspace(0.2, 0.9, max(len(curves), 1))))
+    styles = cycle([(0, (5, 1, 1, 1)), (0, (1, 1)), (0, (8, 2))])
+    for curve in curves:
         x, y = curve.displacement_m * MILLI, curve.force_n
         label = f'{curve.name} ({curve.kind})'
         if curve.kind == 'predicted':
-            axes.plot(x, y, color=colour, linestyle=styles[lines % len(styles)], label=label)
-            lines += 1
+            colour, style = THEORY_LINES.get(curve.name) or (next(others), next(styles))
+            axes.plot(x, y, color=colour, linestyle=style, label=label)
             if curve.lower_n is not None and curve.upper_n is not None:
                 axes.fill_between(x, curve.lower_n, curve.upper_n, color=colour, alpha=0.18)
             continue
         band = curve.displacement_band_m
+        colour = 'black' if curve.kind == 'published' else next(others)
         axes.errorbar(
             x,
             y,

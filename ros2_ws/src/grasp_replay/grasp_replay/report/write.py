@@ -58,7 +58,7 @@ def _table(
         errors = [row['theories'].get(name, {}).get('mean_error_m') for name in theories]
         known = [value for value in errors if value is not None]
         yield {
-            'lbf': f'{force / NEWTON_PER_LBF:.2f}',
+            'order': force,
             'newton': f'{force:.2f}',
             **_published_cells(match, predictions),
             'measured': _milli(row.get('measured_max_displacement_m')),
@@ -68,8 +68,8 @@ def _table(
         }
     for match in left:
         yield {
-            'lbf': f'{match.force_lbf:.2f}',
-            'newton': f'{match.force_lbf * NEWTON_PER_LBF:.2f}',
+            'order': match.force_lbf * NEWTON_PER_LBF,
+            'newton': '–',
             **_published_cells(match, predictions),
             'measured': '–',
             'errors': ['–'] * len(theories),
@@ -80,9 +80,10 @@ def _table(
 
 def _published_cells(row: PublishedRow | None, predictions: Sequence[str]) -> dict[str, list[str]]:
     if row is None:
-        return {'published': ['–'] * 3, 'predicted': ['–'] * len(predictions)}
+        return {'published': ['–'] * 4, 'predicted': ['–'] * len(predictions)}
     return {
         'published': [
+            f'{row.force_lbf:.2f}',
             _milli(row.max_displacement_m),
             _milli(row.nonlinear_error_m),
             _milli(row.linear_error_m),
@@ -107,6 +108,8 @@ def _detail(
 
 def _flat(provenance: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     for group, value in provenance.items():
+        if group in ('title', 'synthetic'):
+            continue
         if isinstance(value, Mapping):
             for name, inner in value.items():
                 yield str(group), str(name), str(inner)
@@ -176,7 +179,7 @@ def write_report(
         predictions=predictions,
         theories=theories,
         kind=kind,
-        table=list(_table(rows, theories, published, predictions)),
+        table=sorted(_table(rows, theories, published, predictions), key=lambda row: row['order']),
         statistics=list(STATISTICS),
         detail=list(_detail(rows, theories)),
         rows=[

@@ -1,0 +1,255 @@
+"""Figures of the scan comparison: speed, pose errors, recovered errors, damaged files.
+
+`python tests/benchmarks/scan.py`; `--long` makes a million mutations instead of ten thousand.
+Peers (small_gicp, libigl, Open3D) are timed beside it where they are installed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[2] / 'ros2_ws/src/scan_compare/test'))
+
+from scan_mutations import run  # noqa: E402
+from scan_shells import ball, occlude, odd_body, scan_points, two_dents  # noqa: E402
+
+from scan_compare.comparison import compare  # noqa: E402
+from scan_compare.registration import Registration, register  # noqa: E402
+from scan_compare.rigid import (  # noqa: E402
+    Pose,
+    rotation_from_quaternion,
+    rotation_from_vector,
+)
+from scan_compare.scan import Scan  # noqa: E402
+
+Row = tuple[str, str, str]
+GRASP = two_dents(0.006, bulge=0.0003)
+START = Pose(
+    rotation_from_vector(np.deg2rad(5.0) * np.array([0.6, 0.8, 0.0])),
+    np.array([3e-3, -3e-3, 2e-3]),
+)
+
+
+def grasped_scan(count: int, seed: int = 1) -> Scan:
+    """`count` points of the grasped ball, 40 % occluded, 5 degrees and 5 mm off."""
+    points = occlude(scan_points(ball(GRASP), round(count / 0.6), seed=seed), 0.4, np.eye(3)[0])
+    return Scan(START.inverse().apply(points), None, 'm', False, 'planted')
+
+
+def speed() -> Iterator[Row]:
+    """Registration, distances and statistics of half a million and a million points."""
+    model = ball(two_dents(0.007, bulge=0.0003))
+    compare(grasped_scan(5_000), model)
+    for count, goal in ((500_000, '<= 3 s'), (1_000_000, '<= 5 s')):
+        scan = grasped_scan(count)
+        began, processor = time.perf_counter(), time.process_time()
+        compare(scan, model)
+        seconds, used = time.perf_counter() - began, time.process_time() - processor
+        yield (
+            f'{count} points: register, distances, statistics',
+            f'{seconds:.2f} s ({used:.2f} s processor)',
+            goal,
+        )
+
+
+def poses() -> Iterator[Row]:
+    """Worst pose errors over planted offsets at 0.127 mm noise, 40 % occluded."""
+    turns, shifts = [], []
+    body = odd_body(two_dents(0.004))
+    for seed in range(10):
+        generator = np.random.default_rng(200 + seed)
+        truth = Pose(
+            rotation_from_quaternion(generator.standard_normal(4)),
+            0.1 * generator.standard_normal(3),
+        )
+        points = occlude(scan_points(body, 100_000, seed=seed), 0.4, generator.standard_normal(3))
+        found = register(truth.inverse().apply(points), body, start=None)
+        turn, shift = _pose_error(found, truth, found.centre)
+        turns.append(np.linalg.norm(turn))
+        shifts.append(np.linalg.norm(shift))
+    yield 'body without symmetry, any rotation, 10 seeds', _worst(turns, shifts), _POSE_GOAL
+    turns, shifts = [], []
+    for seed in range(10):
+        generator = np.random.default_rng(300 + seed)
+        axis, move = generator.standard_normal((2, 3))
+        truth = Pose(
+            rotation_from_vector(np.deg2rad(5.0) * axis / np.linalg.norm(axis)),
+            5e-3 * move / np.linalg.norm(move),
+        )
+        surface = ball(GRASP)
+        points = occlude(
+            scan_points(surface, 100_000, seed=seed), 0.4, generator.standard_normal(3)
+        )
+        found = register(truth.inverse().apply(points), surface)
+        turn, shift = _pose_error(found, truth, np.zeros(3))
+        turns.append(np.linalg.norm(turn[:2]))
+        shifts.append(np.linalg.norm(shift))
+    yield 'ball with dents, 5 degrees and 5 mm, 10 seeds', _worst(turns, shifts), _POSE_GOAL
+
+
+_POSE_GOAL = '<= 0.05 deg, 0.05 mm'
+
+
+def _worst(turns: list[float], shifts: list[float]) -> str:
+    return f'{np.rad2deg(max(turns)):.3f} deg, {1e3 * max(shifts):.3f} mm'
+
+
+def _pose_error(
+    found: Registration, truth: Pose, about: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    left = found.pose.after(truth.inverse())
+    skew = 0.5 * (left.rotation - left.rotation.T)
+    turn = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
+    return turn, left.apply(about[None])[0] - about
+
+
+def errors() -> Iterator[Row]:
+    """Planted errors recovered from one noisy, occluded scan, and the null test."""
+    scan = grasped_scan(100_000)
+    null = compare(scan, ball(GRASP))
+    ratio = null.vertex.mean_m / null.noise_floor_m - 1.0
+    yield 'null test: mean against the noise floor', f'{100 * ratio:+.1f} %', 'within 10 %'
+    yield 'null test: verdict', 'given' if null.beyond_noise else 'none', 'none'
+    perfect = Scan(
+        occlude(scan_points(ball(GRASP), 166_667, 0.0), 0.4, np.eye(3)[0]), None, 'm', False, 'p'
+    )
+    true_pose = compare(perfect, ball(GRASP)).registration
+    for name, field in (
+        ('dent 0.8 mm deeper', two_dents(0.0068, bulge=0.0003)),
+        ('dent 1 mm shallower', two_dents(0.005, bulge=0.0003)),
+        ('dent 2 mm wider', two_dents(0.006, 0.010, bulge=0.0003)),
+    ):
+        found = compare(scan, ball(field))
+        planted = compare(perfect, ball(field), registration=true_pose)
+        assert found.max_error_m is not None and planted.max_error_m is not None
+        assert found.dent is not None and planted.dent is not None
+        gaps = (
+            found.mean_error_noise_free_m - planted.vertex.mean_m,
+            found.max_error_m - planted.max_error_m,
+            found.dent.signed_mean_m - planted.dent.signed_mean_m,
+        )
+        value = ', '.join(f'{1e3 * gap:+.3f}' for gap in gaps) + ' mm'
+        yield f'{name}: mean, max, dent error off by', value, 'within 0.05 mm'
+
+
+def damage(count: int) -> Iterator[Row]:
+    """Mutated scan files: only typed errors, bounded memory (both asserted inside)."""
+    began = time.perf_counter()
+    read, largest = run(count, seed=11)
+    seconds = time.perf_counter() - began
+    yield (
+        f'{count} mutated scan files',
+        f'0 untyped errors, {read} still read, at most {largest / 2**20:.1f} MB, {seconds:.0f} s',
+        'typed error only',
+    )
+
+
+def peers() -> Iterator[Row]:
+    """The same half million points through other tools, each in its own way."""
+    model = ball(GRASP)
+    points = grasped_scan(500_000).points
+    outer = model.limit.limit_positions(model.deformed) + model.offset * (
+        model.limit.vertex_normals(model.deformed)
+    )
+    triangles = np.asarray(model.mesh.triangles)
+    for name, measure in (
+        ('small_gicp', _small_gicp), ('igl', _igl), ('open3d', _open3d),
+    ):  # fmt: skip
+        try:
+            module = importlib.import_module(name)
+        except ImportError:
+            yield f'{name}', 'not installed', ''
+            continue
+        yield from measure(module, points, model.samples.position, outer, triangles)
+
+
+def _small_gicp(
+    module: ModuleType, points: np.ndarray, target: np.ndarray, *_: np.ndarray
+) -> Iterator[Row]:
+    began = time.perf_counter()
+    result = module.align(
+        target, points, registration_type='GICP', downsampling_resolution=0.7e-3,
+        max_correspondence_distance=5e-3, num_threads=2,
+    )  # fmt: skip
+    seconds = time.perf_counter() - began
+    found = np.asarray(result.T_target_source)
+    centre = found[:3, :3] @ START.inverse().apply(np.zeros((1, 3)))[0] + found[:3, 3]
+    yield (
+        'small_gicp, registration only',
+        f'{seconds:.2f} s, centre off by {1e3 * np.linalg.norm(centre):.3f} mm',
+        '',
+    )
+
+
+def _igl(
+    module: ModuleType,
+    points: np.ndarray,
+    _: np.ndarray,
+    outer: np.ndarray,
+    triangles: np.ndarray,
+) -> Iterator[Row]:
+    aligned = START.apply(points)
+    began = time.perf_counter()
+    squared = module.point_mesh_squared_distance(aligned, outer, triangles)[0]
+    seconds = time.perf_counter() - began
+    mean = 1e3 * float(np.sqrt(squared).mean())
+    yield (
+        'libigl, distances to the flat control facets',
+        f'{seconds:.2f} s, mean {mean:.3f} mm',
+        '',
+    )
+
+
+def _open3d(
+    module: ModuleType,
+    points: np.ndarray,
+    _: np.ndarray,
+    outer: np.ndarray,
+    triangles: np.ndarray,
+) -> Iterator[Row]:
+    scene = module.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        module.core.Tensor(outer.astype(np.float32)),
+        module.core.Tensor(triangles.astype(np.uint32)),
+    )
+    queries = module.core.Tensor(START.apply(points).astype(np.float32))
+    began = time.perf_counter()
+    distance = scene.compute_distance(queries).numpy()
+    seconds = time.perf_counter() - began
+    mean = 1e3 * float(distance.mean())
+    yield (
+        'Open3D, distances to the flat control facets',
+        f'{seconds:.2f} s, mean {mean:.3f} mm',
+        '',
+    )
+
+
+def rows(mutations: int = 10_000) -> Iterator[Row]:
+    """Every figure as (what, value, goal)."""
+    yield from speed()
+    yield from poses()
+    yield from errors()
+    yield from peers()
+    yield from damage(mutations)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--long', action='store_true', help='a million mutations')
+    options = parser.parse_args()
+    print(f'{"scan comparison":52s} {"value":44s} goal')
+    for what, value, goal in rows(1_000_000 if options.long else 10_000):
+        print(f'{what:52s} {value:44s} {goal}', flush=True)
+
+
+if __name__ == '__main__':
+    main()

@@ -58,7 +58,7 @@ def polar_breaks(ball: Ball) -> Array:
     size = ball.pin_radius / ball.pin_elements
     edges = [size * index for index in range(ball.pin_elements + 1)]
     end = ball.outer_radius * np.pi / 2
-    rest = []
+    rest: list[float] = []
     step = size
     while sum(rest) < end - edges[-1]:
         step = min(step * ball.growth, ball.coarsest)

@@ -52,7 +52,7 @@ def node_lines(nodes: Mapping[int, Iterable[float]]) -> str:
 
 def element_lines(elements: NDArray[np.int64], first: int = 1) -> str:
     """The data lines of an *ELEMENT card, at most 16 entries a line as the manual asks."""
-    lines = []
+    lines: list[str] = []
     for number, nodes in enumerate(elements.tolist(), first):
         entries = [str(number), *map(str, nodes)]
         lines.extend(

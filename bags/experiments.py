@@ -304,7 +304,7 @@ CUP = Experiment(
     caveats=(
         NO_SCAN_TIME,
         'The cup is lifted along with the pins, so that they do not slide.',
-        'St Venant-Kirchhoff material: stiff plastic at small strain.',
+        'Neo-Hooke material for a stiff plastic at small strain: no yield, no creep.',
     ),
     object_file=settings.cup_object,
     scanner=SMALL_SCANS,

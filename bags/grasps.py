@@ -87,8 +87,12 @@ def touch_at(
         raise ValueError(f'finger {finger} does not reach the contact: {text}')
     tip, direction = pose(float(found[0]), float(found[1]), length)
     mounted = replace(pin, lean_rad=float(found[1]), length_m=length)
-    point, inward = (tuple(float(value) for value in vector) for vector in (tip, direction))
-    return Touch(finger, float(found[0]), mounted, point, inward)
+    return Touch(finger, float(found[0]), mounted, _plain(tip), _plain(direction))
+
+
+def _plain(vector: Array) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in vector)
+    return x, y, z
 
 
 def counts_at(touches: Mapping[int, Touch], spread_rad: float) -> dict[int, float]:

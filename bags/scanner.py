@@ -107,7 +107,8 @@ def scan(
         parts.append(reported)
         trues.append(true)
         which.append(np.full(len(true), number, dtype=np.uint8))
-    points, true_points, view_of = map(np.concatenate, (parts, trues, which))
+    points, true_points = np.concatenate(parts), np.concatenate(trues)
+    view_of = np.concatenate(which)
     if not len(points):
         raise ValueError('the scanner sees no point of the surface: check views and obstacles')
     kept = thinned(points, scanner.most_points, generator(seed, 1000))

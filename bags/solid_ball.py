@@ -58,7 +58,7 @@ def profile(solution: Solution, nodes: np.ndarray, level: int | None) -> list[li
 
 def level_record(solution: Solution, level: int, profiles: bool) -> dict:
     """One load level as plain numbers."""
-    record = {
+    record: dict[str, object] = {
         'force_n': float(solution.forces[level]),
         'gas_gauge_pressure_pa': round(float(solution.pressures[level]) * 1e6, 4),
         'volume_ratio': round(float(solution.volumes[level] / solution.rest_volume), 9),

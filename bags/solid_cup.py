@@ -1,4 +1,4 @@
-"""A free-form plastic cup gripped off its axis: half of it as a thin St Venant solid.
+"""A free-form plastic cup gripped off its axis: half of it as a thin neo-Hooke solid.
 
 The cup stands on z = 0 with its foot clamped; its wall follows a curved profile, its rim is free.
 Two pins press along the local normals at +-`azimuth` from the x axis: not opposite each other, so
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from bags import hexahedra, solid_shell
+from bags import calculix, hexahedra, solid_shell
 from bags.calculix import Array
 from bags.hexahedra import Patch
 from bags.solid_shell import Contact, Model
@@ -72,12 +72,12 @@ def model(cup: Cup) -> Model:
         f'plastic cup, height {cup.profile_z[-1]} mm, wall {cup.thickness} mm, foot clamped, '
         f'two pins {2 * cup.azimuth_deg} degrees apart at height {cup.contact_z} mm',
         solid,
-        f'*ELASTIC\n{cup.young_modulus},{cup.poisson_ratio}',
+        calculix.neo_hooke(cup.young_modulus, cup.poisson_ratio),
         (Contact(centre, tuple(-normal), cup.pin_radius),),
         tuple(fixed),
         sectors=2,
         meta={
-            'material': 'St Venant-Kirchhoff',
+            'material': 'neo-Hooke',
             'young_modulus_pa': cup.young_modulus * 1e6,
             'poisson_ratio': cup.poisson_ratio,
             'gas': 'none (open at the rim)',

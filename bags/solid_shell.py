@@ -6,6 +6,7 @@ Lengths in mm, forces in N, pressures in MPa inside; results are kept in SI unit
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -76,7 +77,7 @@ class History:
         return np.stack(columns, axis=1)
 
 
-def symmetric(solid: Solid, normal: Array, tolerance: float = 1e-5) -> list[int]:
+def symmetric(solid: Solid, normal: Sequence[float] | Array, tolerance: float = 1e-5) -> list[int]:
     """Node numbers on the plane through the origin with this unit normal."""
     return (np.flatnonzero(abs(solid.positions @ np.asarray(normal)) < tolerance) + 1).tolist()
 
@@ -111,8 +112,8 @@ def _pin_cards(model: Model) -> tuple[list[str], list[dict[tuple[int, int], floa
 
 def _along_together(node: int, first: int, direction: Array) -> str:
     """Equation direction . u(node) = direction . u(first), solved for its largest component."""
-    order = np.argsort(-abs(direction), kind='stable')
-    order = [int(axis) for axis in order if abs(direction[axis]) > 1e-9]
+    by_size = np.argsort(-abs(direction), kind='stable').tolist()
+    order = [axis for axis in by_size if abs(direction[axis]) > 1e-9]
     terms = [(node, axis + 1, direction[axis]) for axis in order]
     terms += [(first, axis + 1, -direction[axis]) for axis in order]
     return equation(tuple(terms))

@@ -5,7 +5,7 @@ import pytest
 import surface_shapes as shapes
 import trimesh
 
-from shell_deform.surface import control_mesh
+from shell_deform.surface import control_mesh, quadrature_basis
 from shell_deform.surface.limit import LimitSurface
 
 
@@ -136,3 +136,40 @@ def test_queries_must_be_finite():
     mesh = shapes.sphere(1)
     with pytest.raises(ValueError, match='query 1 is not finite'):
         LimitSurface(mesh).closest_point(mesh.vertices, [[0, 0, 2], [0, np.nan, 1]])
+
+
+@pytest.mark.parametrize(
+    'make',
+    [
+        lambda: shapes.random_ball(60, 4),
+        lambda: shapes.tetrahedron(),
+        lambda: control_mesh(*shapes.grid_arrays(5, 4, 0.3)),
+        lambda: control_mesh(*shapes.grid_arrays(5, 4, 0.3), crease_edges=[(6, 7), (7, 8)]),
+    ],
+)
+def test_the_compiled_search_and_the_plain_one_agree(make, monkeypatch):
+    mesh = make()
+    surface = LimitSurface(mesh)
+    random = np.random.default_rng(8)
+    triangle = random.integers(0, mesh.triangle_count, 400)
+    parameters = random.dirichlet([1, 1, 1], 400)[:, 1:]
+    there = surface.evaluate(mesh.vertices, triangle, parameters)
+    queries = there.position + random.normal(size=(400, 3)) * 0.1
+    compiled = surface.closest_point(mesh.vertices, queries, 0.02)
+    monkeypatch.setattr('shell_deform.surface.closest_point.HAVE_NUMBA', False)
+    plain = surface.closest_point(mesh.vertices, queries, 0.02)
+    same = np.linalg.norm(compiled.position - plain.position, axis=1) < 1e-6
+    assert same.mean() > 0.99
+    np.testing.assert_allclose(compiled.distance[same], plain.distance[same], atol=1e-7)
+    np.testing.assert_array_equal(compiled.on_boundary[same], plain.on_boundary[same])
+
+
+def test_inactive_triangles_carry_no_surface():
+    points, faces = shapes.grid_arrays(6, 6)
+    middle = points[faces].mean(axis=1)
+    active = (np.abs(middle[:, :2] - 3) < 2).all(axis=1)
+    mesh = control_mesh(points, faces, corners=[], active=active)
+    found = LimitSurface(mesh).closest_point(mesh.vertices, [[0.2, 3.3, 0.1], [3.4, 2.7, 0.1]])
+    np.testing.assert_array_equal(found.on_boundary, [True, False])
+    np.testing.assert_allclose(found.position, [[1, 3.3, 0], [3.4, 2.7, 0]], atol=1e-9)
+    assert len(quadrature_basis(mesh).triangle) == active.sum()

@@ -17,15 +17,17 @@ import numpy.typing as npt
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
+from ..compiled import HAVE_NUMBA
+from . import closest_point_plain
 from .box_spline import COEFFICIENTS
-from .closest_point_kernel import project_points
-from .control_mesh import ControlMesh, FloatArray, IntArray
+from .control_mesh import BoolArray, ControlMesh, FloatArray, IntArray
 from .loop_basis import basis_rows
 from .patch import Patch
 from .patch_table import PatchTable, patch_table
 
 MAXIMUM_THREADS = 4
 SAMPLE_DIVISIONS = 3
+FEW_POINTS = 1000
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class ClosestPoints:
     position: FloatArray
     normal: FloatArray
     distance: FloatArray
-    on_boundary: npt.NDArray[np.bool_]
+    on_boundary: BoolArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +144,41 @@ def closest_points(
         raise ValueError(f'query {bad} is not finite: {points[bad]}')
     count = threads if threads is not None else min(MAXIMUM_THREADS, os.cpu_count() or 1)
     triangle, parameters = _seeds(tables, control_points, points, seeds, count)
+    project = _project_compiled if HAVE_NUMBA else _project_plain
+    position, normal, on_boundary = project(
+        tables, control_points, points, triangle, parameters, count
+    )
+    position += offset * normal
+    away = points - position
+    along = np.einsum('ij,ij->i', away, normal)
+    beside = np.copysign(np.linalg.norm(away, axis=1), along)
+    distance = np.where(on_boundary, beside, along)
+    return ClosestPoints(triangle, parameters, position, normal, distance, on_boundary)
+
+
+def _project_plain(
+    tables: ProjectionTables,
+    control_points: FloatArray,
+    points: FloatArray,
+    triangle: IntArray,
+    parameters: FloatArray,
+    threads: int,
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    return closest_point_plain.project_points(
+        tables.mesh, tables.neighbour, control_points, points, triangle, parameters
+    )
+
+
+def _project_compiled(
+    tables: ProjectionTables,
+    control_points: FloatArray,
+    points: FloatArray,
+    triangle: IntArray,
+    parameters: FloatArray,
+    threads: int,
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    from .closest_point_kernel import project_points
+
     position, normal = np.empty_like(points), np.empty_like(points)
     on_boundary = np.zeros(len(points), dtype=np.bool_)
     polynomials = _polynomials(tables, control_points)
@@ -154,18 +191,14 @@ def closest_points(
             tables.child_offset, tables.polynomial_offset, tables.matrices,
         )  # fmt: skip
 
-    parts = [slice(*np.array([i, i + 1]) * len(points) // count) for i in range(count)]
-    if count == 1 or len(points) < 1000:
+    if threads == 1 or len(points) < FEW_POINTS:
         work(slice(0, len(points)))
     else:
-        with ThreadPoolExecutor(count) as pool:
+        bounds = [i * len(points) // threads for i in range(threads + 1)]
+        parts = [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+        with ThreadPoolExecutor(threads) as pool:
             list(pool.map(work, parts))
-    position += offset * normal
-    away = points - position
-    along = np.einsum('ij,ij->i', away, normal)
-    beside = np.copysign(np.linalg.norm(away, axis=1), along)
-    distance = np.where(on_boundary, beside, along)
-    return ClosestPoints(triangle, parameters, position, normal, distance, on_boundary)
+    return position, normal, on_boundary
 
 
 def _seeds(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from .compiled import compiled
+from ..compiled import compiled
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -13,7 +13,6 @@ BoolArray = npt.NDArray[np.bool_]
 
 MAXIMUM_STEPS = 60
 STEP_TOLERANCE = 1e-10
-GRADIENT_TOLERANCE = 1e-12
 
 
 @compiled

@@ -172,19 +172,24 @@ def _limit_matrix(mesh: ControlMesh) -> csr_matrix:
     weights = np.concatenate(
         [neighbour[mesh.valence[smooth[:, 0]]], np.full(len(crease), 1.0 / 6.0)]
     )
-    matrix = coo_matrix((weights, (rows, columns)), (n, n)).tolil()
-    own = 1.0 - np.asarray(matrix.sum(axis=1)).ravel()
-    matrix.setdiag(own)
     special = kind == DART
     special[mesh.triangles.reshape(-1)[edge_weights(mesh, kind) != REGULAR_WEIGHT]] = True
-    for vertex in np.flatnonzero(special & (kind <= DART)).tolist():
-        triangle, corner = np.argwhere(mesh.triangles == vertex)[0]
-        rows_at = basis_rows(mesh, [triangle], _CORNER_PARAMETERS[[corner]])
-        matrix[vertex] = 0.0
-        matrix[vertex, rows_at.nodes] = rows_at.values
-    result = matrix.tocsr()
-    result.sort_indices()
-    return result
+    usual = ~(special & (kind <= DART))
+    own = 1.0 - np.bincount(rows, weights, n)
+    kept = usual[rows]
+    blocks = [(rows[kept], columns[kept], weights[kept])]
+    blocks.append((np.flatnonzero(usual), np.flatnonzero(usual), own[usual]))
+    unusual = np.flatnonzero(~usual)
+    if len(unusual):
+        _, first = np.unique(mesh.triangles.reshape(-1), return_index=True)
+        there = basis_rows(mesh, first[unusual] // 3, _CORNER_PARAMETERS[first[unusual] % 3])
+        owner = np.repeat(unusual, np.diff(there.node_offsets))
+        blocks.append((owner, there.nodes.astype(np.int64), there.values))
+    row, column, value = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    matrix = coo_matrix((value, (row, column)), (n, n)).tocsr()
+    matrix.eliminate_zeros()
+    matrix.sort_indices()
+    return matrix
 
 
 def _one_corner_per_fan(mesh: ControlMesh) -> tuple[IntArray, IntArray, IntArray]:

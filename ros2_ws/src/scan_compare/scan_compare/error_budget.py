@@ -10,16 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from scan_compare.comparison import Comparison, compare
 from scan_compare.deformed_surface import DeformedSurface
 from scan_compare.scan import Scan
-from scan_compare.virtual_scanner import VirtualScanner, scan_surface
 
-SCANNER_CAUSES = ('noise', 'occlusion', 'merging')
-MODEL_CAUSES = ('force', 'air')
-CAUSES = (*SCANNER_CAUSES, *MODEL_CAUSES)
+CAUSES = ('noise', 'occlusion', 'merging', 'force', 'air')
+"""Scanner noise, occlusion and the merging of views spoil the scan; the error of the measured
+force and the neglect of the sealed air spoil the model."""
 
 MakeScan = Callable[[frozenset[str]], Scan]
 MakeSurface = Callable[[frozenset[str]], DeformedSurface]
@@ -97,21 +94,6 @@ def error_budget(
     rows += [row(f'without {cause}', errors(everything - {cause})) for cause in causes]
     rows.append(row('no cause', errors(frozenset())))
     return Budget(tuple(rows))
-
-
-def virtual_scans(
-    points: np.ndarray, normals: np.ndarray, scanner: VirtualScanner, seed: int
-) -> MakeScan:
-    """Return a maker of scans of a true surface (points, normals (n, 3)) for `error_budget`."""
-
-    def make(on: frozenset[str]) -> Scan:
-        used = scanner
-        for cause in SCANNER_CAUSES:
-            if cause not in on:
-                used = used.without(cause)
-        return scan_surface(points, normals, used, seed)
-
-    return make
 
 
 def model_surfaces(

@@ -19,15 +19,15 @@ from scan_compare.scan_file import read_scan
 
 SHELL = surface_of_object('tennis_ball')
 REST = SHELL.limit.limit_positions(SHELL.rest)
+TURN = rotation_from_vector(np.array([0.03, -0.02, 0.0]))
 GRASPED = shell(REST, SHELL.mesh.triangles, SHELL.thickness, two_dents(0.005, bulge=0.0003))
 
 
 @pytest.fixture
 def files(tmp_path: Path) -> Path:
     """scan.xyz (inch), rest.xyz (mm), surface.ply and rest.ply (m): a synthetic grasp."""
-    turn = rotation_from_vector(np.array([0.03, -0.02, 0.0]))
-    np.savetxt(tmp_path / 'scan.xyz', scan_points(GRASPED, 20_000) @ turn / 0.0254, fmt='%.6f')
-    np.savetxt(tmp_path / 'rest.xyz', 1e3 * scan_points(SHELL, 20_000) @ turn, fmt='%.6f')
+    np.savetxt(tmp_path / 'scan.xyz', scan_points(GRASPED, 20_000) @ TURN / 0.0254, fmt='%.6f')
+    np.savetxt(tmp_path / 'rest.xyz', 1e3 * scan_points(SHELL, 20_000) @ TURN, fmt='%.6f')
     for name, control in (('surface.ply', GRASPED.deformed), ('rest.ply', GRASPED.rest)):
         positions = GRASPED.limit.limit_positions(control)
         mesh = trimesh.Trimesh(positions, GRASPED.mesh.triangles, process=False)
@@ -66,6 +66,20 @@ def test_a_report_opens_offline_and_its_error_map_is_a_scan(
     first = {path.name: path.read_bytes() for path in out.iterdir()}
     main([*arguments, '--json'])
     assert {path.name: path.read_bytes() for path in out.iterdir()} == first
+
+
+def test_two_surfaces_are_ranked_and_known_contacts_start_the_fit(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    contacts = np.array([[0.0, 0, 0.03], [0, 0, -0.03], [0.03, 0, 0], [0, 0.03, 0]])
+    np.savetxt(files / 'contacts.txt', np.hstack((contacts @ TURN, contacts)))
+    code = main(
+        [str(files / 'scan.xyz'), '--object', 'tennis_ball', '--surface', str(files / 'rest.ply'),
+         '--against', str(files / 'surface.ply'), '--contacts', str(files / 'contacts.txt')]
+    )  # fmt: skip
+    assert code == 0
+    shown = capsys.readouterr().out
+    assert f'{files / "surface.ply"} is better than' in shown
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,11 @@ from scan_compare.comparison import Comparison, ComparisonError, Progress, compa
 from scan_compare.deformed_surface import DeformedSurface, SurfaceError
 from scan_compare.merge import MergeError, merge
 from scan_compare.model_file import surface_of_files, surface_of_object
+from scan_compare.ranking import rank
 from scan_compare.registration import SCANNER_SIGMA, RegistrationError
 from scan_compare.report.files import dump_json, write_report
 from scan_compare.report.table import text_table
-from scan_compare.rigid import IDENTITY, Pose, rotation_from_quaternion
+from scan_compare.rigid import IDENTITY, Pose, pose_from_points, rotation_from_quaternion
 from scan_compare.scan import Scan
 from scan_compare.scan_file import ScanFileError, read_scan
 from scan_compare.units import METRES_PER_UNIT, UnitError
@@ -66,15 +68,39 @@ def _run(options: argparse.Namespace, progress: Progress) -> Comparison:
     undeformed = None
     if options.undeformed is not None:
         undeformed = _read(options.undeformed, options.unit, surface.at_rest())
-    return compare(
-        scan,
-        surface,
-        undeformed,
-        scanner_sigma_m=options.scanner_sigma,
-        start=options.start,
-        outlier_m=options.outlier,
-        progress=progress,
-    )
+    start = options.start if options.contacts is None else _start_from(options.contacts)
+
+    def comparison(model: DeformedSurface) -> Comparison:
+        return compare(
+            scan,
+            model,
+            undeformed,
+            scanner_sigma_m=options.scanner_sigma,
+            start=start,
+            outlier_m=options.outlier,
+            progress=progress,
+        )
+
+    found = comparison(surface)
+    if options.against is None:
+        return found
+    other = surface_of_files(options.against, options.rest, surface, options.surface_unit)
+    names = (str(options.surface or options.object), str(options.against))
+    return replace(found, notes=(*found.notes, rank(found, comparison(other), names).text))
+
+
+def _start_from(path: Path) -> Pose:
+    """Read contacts in both frames, six numbers a line; the pose that joins them."""
+    try:
+        table = np.loadtxt(path, ndmin=2, delimiter=None)
+    except ValueError as error:
+        raise ComparisonError(f'{path}: {error}') from None
+    if table.shape[1] != 6 or not np.all(np.isfinite(table)):
+        raise ComparisonError(
+            f'{path}: contacts need six numbers a line: x y z in the scan frame, then x y z in '
+            'the object frame [m]'
+        )
+    return pose_from_points(table[:, :3], table[:, 3:])
 
 
 def _read(paths: list[Path], unit: str | None, surface: DeformedSurface) -> Scan:
@@ -100,6 +126,10 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument('--rest', type=Path, help='the same mesh at rest')
     parser.add_argument(
+        '--against', type=Path, metavar='SURFACE', help='a second deformed surface: say which '
+        'of the two fits the scan better, if the scan can tell',
+    )  # fmt: skip
+    parser.add_argument(
         '--surface-unit', default='m', choices=METRES_PER_UNIT, help='unit of --surface and --rest'
     )
     parser.add_argument(
@@ -118,6 +148,11 @@ def _parser() -> argparse.ArgumentParser:
         '--start', type=_start, default=IDENTITY, metavar='POSE', help='pose of the scan in the '
         'object frame to start from: "x y z qx qy qz qw" [m], or "search" for all rotations '
         '(default: identity)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--contacts', type=Path, metavar='FILE', help='start from contact points known in both '
+        'frames: text file, six numbers a line, x y z in the scan frame and x y z in the object '
+        'frame [m]',
     )  # fmt: skip
     parser.add_argument(
         '--outlier', type=_positive, metavar='M', help='points further from the surface are '

@@ -139,21 +139,30 @@ class ShellModel:
         """Tangent at the undeformed shape: all that linear theory needs."""
         return self._nonlinear_tangent(self.rest)
 
-    def tangent(self, positions: Array, target: Array | None = None) -> Tangent:
+    def tangent(
+        self, positions: Array, target: Array | None = None, moved: Array | None = None
+    ) -> Tangent:
         """Energy, gradient and stiffness at control positions (n, 3).
 
-        `target`: where support conditions are moved to [m], None to keep them in place.
+        `target`: where support conditions are moved to [m], None to keep them in place. `moved`
+        (n, 3): positions - rest, where it is known to more digits than the difference has: stiff
+        support springs feel them.
         """
         if not THEORIES[self.theory].is_linear:
-            return self._nonlinear_tangent(positions, target)
+            return self._nonlinear_tangent(positions, target, moved)
         rest = self.rest_tangent
         energy, gradient = self._linear_gradient(positions, target)
         return Tangent(
             energy, gradient, rest.stiffness, rest.gas_row, rest.gas_stiffness, rest.gas_pressure
         )
 
-    def gradient(self, positions: Array, target: Array | None = None) -> tuple[float, Array]:
-        """Energy [J] and gradient (N,) [N] at control positions, without the stiffness."""
+    def gradient(
+        self, positions: Array, target: Array | None = None, moved: Array | None = None
+    ) -> tuple[float, Array]:
+        """Energy [J] and gradient (N,) [N] at control positions, without the stiffness.
+
+        `target` and `moved` as in `tangent`.
+        """
         if THEORIES[self.theory].is_linear:
             return self._linear_gradient(positions, target)
         energy, gradient = self.shell.gradient(self.theory, positions)
@@ -162,7 +171,7 @@ class ShellModel:
             energy += self._gas_energy(volume)
             gradient -= self.overpressure(volume) * row
         if self.supports is not None:
-            moved = positions - self.rest
+            moved = positions - self.rest if moved is None else moved
             energy += self.supports.energy(moved, target)
             gradient += self.supports.force(moved, target)
         return energy, gradient.reshape(-1)
@@ -190,7 +199,9 @@ class ShellModel:
         energy = float(0.5 * moved @ force + start @ moved)
         return energy, start + force
 
-    def _nonlinear_tangent(self, positions: Array, target: Array | None = None) -> Tangent:
+    def _nonlinear_tangent(
+        self, positions: Array, target: Array | None = None, moved: Array | None = None
+    ) -> Tangent:
         energy, gradient, data = self.shell.tangent(self.theory, positions)
         row = np.zeros_like(positions)
         stiffness, pressure = 0.0, 0.0
@@ -205,7 +216,7 @@ class ShellModel:
                 ratio = volume / self.rest_volume
                 stiffness = -self.gas.pressure_slope(ratio) / self.rest_volume
         if self.supports is not None:
-            moved = positions - self.rest
+            moved = positions - self.rest if moved is None else moved
             energy += self.supports.energy(moved, target)
             gradient += self.supports.force(moved, target)
         data += self._fixed_values

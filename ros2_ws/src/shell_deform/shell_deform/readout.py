@@ -79,6 +79,19 @@ def read_out(model: ShellModel, positions: Array, yield_stress: float | None = N
     )
 
 
+def support_forces(model: ShellModel, positions: Array, loads: Array) -> Array:
+    """Nodal forces (n, 3) [N] that the supports exert at an equilibrium under nodal `loads`.
+
+    Taken from the wall, not from the springs of the supports: it keeps its digits however stiff
+    these are.
+    """
+    elastic = model.shell.gradient(model.theory, positions)[1]
+    if model.gas.is_sealed or model.pressure:
+        volume, row = model.shell.volume(positions)
+        elastic -= model.overpressure(volume) * row
+    return elastic - loads
+
+
 def principal(components: Array, engineering_shear: bool = True) -> Array:
     """Principal values (p, 2), larger first, of plane components (p, 3: 11, 22, shear)."""
     shear = 0.5 * components[:, 2] if engineering_shear else components[:, 2]

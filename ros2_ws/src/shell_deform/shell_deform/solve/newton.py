@@ -290,7 +290,7 @@ class EquilibriumSolver:
             if system is None:
                 if factorisations == options.factorisations:
                     break
-                tangent = model.tangent(positions, loads.target)
+                tangent = model.tangent(positions, loads.target, free.reshape(-1, 3))
                 if not np.all(np.isfinite(tangent.gradient)):
                     message = 'the surface folded onto itself'
                     break
@@ -315,7 +315,7 @@ class EquilibriumSolver:
                 break
             free = free + step
             positions = model.rest + free.reshape(-1, 3)
-            energy, gradient = model.gradient(positions, loads.target)
+            energy, gradient = model.gradient(positions, loads.target, free.reshape(-1, 3))
             pushes = np.where(edge.driven, 0.0, force)
             pushes[edge.driven] = border[:unknown]
             multipliers = border[unknown : unknown + held]
@@ -325,7 +325,7 @@ class EquilibriumSolver:
             scale = max(
                 float(np.linalg.norm(carried)),
                 float(np.linalg.norm(edge.held @ multipliers)),
-                self._support_force(positions, loads.target),
+                self._support_force(free.reshape(-1, 3), loads.target),
                 noise,
             )
             residual = float(np.linalg.norm(loose)) / scale
@@ -364,11 +364,9 @@ class EquilibriumSolver:
             factorisations=factorisations,
         )
 
-    def _support_force(self, positions: Array, target: Array | None) -> float:
+    def _support_force(self, moved: Array, target: Array | None) -> float:
         supports = self.model.supports
-        if supports is None:
-            return 0.0
-        return float(np.linalg.norm(supports.force(positions - self.model.rest, target)))
+        return 0.0 if supports is None else float(np.linalg.norm(supports.force(moved, target)))
 
     def _noise_force(self, free: Array) -> float:
         """Force [N] that round-off leaves unbalanced at displacements (N,)."""

@@ -1,0 +1,166 @@
+"""The reference problems in their short forms, and how fast the answers converge."""
+
+import numpy as np
+import pytest
+from conftest import sphere_mesh
+from numpy.polynomial.legendre import Legendre
+
+from shell_deform.assemble import discretise
+from shell_deform.model import ShellModel
+from shell_deform.solve.equilibrium import LoadCase
+from shell_deform.surface.control_mesh import control_mesh, moved
+from shell_deform.surface.limit import LimitSurface
+from shell_deform.theory.material import Material
+from shell_deform.verification import linear_course, spheres, sze
+from shell_deform.verification.problem import Verified
+
+from surface_shapes import torus  # isort: skip
+
+
+def test_scordelis_lo_roof_reaches_the_kirchhoff_love_limit_on_sixteen_cells():
+    assert abs(linear_course.scordelis_lo(16).error) < 1e-3
+
+
+@pytest.mark.parametrize('cells', [16, 32])
+def test_pinched_cylinder_is_within_one_percent_of_the_kirchhoff_love_limit(cells):
+    assert abs(linear_course.pinched_cylinder(cells).error) < 1e-2
+
+
+def test_pinched_hemisphere_converges_to_the_published_value():
+    coarse, fine = (abs(linear_course.pinched_hemisphere(s).error) for s in (3, 4))
+    assert fine < 0.035 and fine < 0.5 * coarse
+
+
+def test_cantilever_under_end_shear_follows_every_tabulated_load():
+    rows = list(sze.cantilever_shear((16, 2)).rows())
+    assert len(rows) == 40
+    assert all(row.passed for row in rows)
+
+
+def test_hemisphere_with_a_hole_follows_its_first_loads_with_two_thousand_unknowns():
+    curve = sze.hemisphere(loads=2)
+    rows = [row for row in curve.rows() if np.isfinite(row.value)]
+    assert 3 * curve.vertices <= 2000
+    assert len(rows) == 4
+    assert all(row.passed for row in rows)
+
+
+def test_pulled_cylinder_misses_only_the_shear_dent_under_the_force():
+    curve = sze.pullout((24, 18))
+    assert all(row.passed for row in curve.rows(sze.SNAP, informs='W_A'))
+    load = curve.fraction
+    stiffened = load >= 0.6
+    missing = (curve.published[:, 0] - curve.ours[:, 0])[stiffened]
+    per_load = missing / load[stiffened]
+    assert np.ptp(per_load) < 0.15 * per_load.mean()
+    dent = sze.shear_dent(40000.0, 10.5e6, 0.3125, 0.094)
+    assert 1.0 < per_load.mean() / dent < 3.0
+
+
+@pytest.mark.parametrize('case', ['koiter_disc2_nu0.5', 'paper_disc2_nu0.5'])
+def test_mission_sphere_follows_the_independent_solution(case):
+    rows = list(spheres.mission_sphere(case, rows=3))
+    assert len(rows) == 4
+    assert all(row.passed for row in rows)
+
+
+def test_pressurised_sphere_has_the_closed_form_slope():
+    assert spheres.pressurised_sphere(2.0).passed
+
+
+def test_closed_form_of_the_pressurised_slope_joins_reissner_and_the_membrane():
+    assert spheres.pressurised_slope_ratio(1e-9) == pytest.approx(1.0, abs=1e-6)
+    assert spheres.pressurised_slope_ratio(1.0) == pytest.approx(np.pi / 2)
+    near = [spheres.pressurised_slope_ratio(1.0 + step) for step in (-1e-6, 1e-6)]
+    assert near[0] == pytest.approx(near[1], rel=1e-5)
+
+
+def test_an_error_is_signed_and_relative_and_a_row_without_goal_only_informs():
+    row = Verified('problem', 'force', -2.0, 'source', -1.9, 10, 0.1, goal=0.04)
+    assert row.error == pytest.approx(0.05)
+    assert not row.passed
+    assert Verified('problem', 'force', 1.0, 'source', 2.0, 10, 0.1).passed
+
+
+def work_of(mesh, thickness, traction):
+    """Work [J] of a smooth dead traction (p, 3) on the linear response of a closed shell."""
+    shell = discretise(mesh, Material(1e6, 0.3), thickness)
+    values = shell.value_matrix()
+    load = values.T @ (shell.weights[:, None] * traction(values @ mesh.vertices))
+    case = LoadCase((), np.zeros(0), np.zeros(0), dead_load=load)
+    return float(np.sum(load * linear_course.first_order(ShellModel(shell), case)))
+
+
+def passing_through(mesh, points):
+    """The mesh moved so that its limit surface passes through `points` at its vertices."""
+    surface = LimitSurface(mesh)
+    control = mesh.vertices
+    for _ in range(40):
+        control = control + points - surface.limit_positions(control)
+    return moved(mesh, control)
+
+
+def test_energy_converges_with_the_fourth_power_of_the_edge_on_regular_meshes():
+    def lifted(points):
+        angle = np.arctan2(points[:, 1], points[:, 0])
+        return np.outer(np.cos(2.0 * angle), [0.0, 0.0, 1.0])
+
+    works = []
+    for rows in (12, 18, 24, 36):
+        mesh = torus(3 * rows, rows)
+        works.append(work_of(passing_through(mesh, mesh.vertices), 0.2, lifted))
+    error = np.abs(np.array(works[:3]) / works[3] - 1.0)
+    rates = np.log(error[:-1] / error[1:]) / np.log([18 / 12, 24 / 18])
+    assert np.all(rates > 4.0)
+
+
+def test_energy_converges_at_least_quadratically_with_irregular_vertices_that_stay():
+    def fourth_harmonic(points):
+        normal = points / np.linalg.norm(points, axis=1)[:, None]
+        return Legendre.basis(4)(normal[:, 2])[:, None] * normal
+
+    works = [work_of(sphere_mesh(1.0, level), 0.05, fourth_harmonic) for level in (1, 2, 3, 4)]
+    steps = np.abs(np.diff(works))
+    assert np.all(np.log2(steps[:-1] / steps[1:]) > 2.0)
+
+
+def irregular_patch(seed=5):
+    """A flat hexagonal net with its inner points shaken: the planar patch."""
+    rng = np.random.default_rng(seed)
+    x, y = np.meshgrid(np.arange(7.0), np.arange(7.0), indexing='ij')
+    points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    inside = (points[:, :2] > 0.5).all(axis=1) & (points[:, :2] < 5.5).all(axis=1)
+    points[inside, :2] += rng.uniform(-0.2, 0.2, size=(int(inside.sum()), 2))
+    number = np.arange(49).reshape(7, 7)
+    a, b = number[:-1, :-1].ravel(), number[1:, :-1].ravel()
+    c, d = number[1:, 1:].ravel(), number[:-1, 1:].ravel()
+    flip = rng.random(36) < 0.5
+    one = np.where(flip[:, None], np.stack([a, b, d], 1), np.stack([a, b, c], 1))
+    two = np.where(flip[:, None], np.stack([b, c, d], 1), np.stack([a, c, d], 1))
+    return control_mesh(points, np.concatenate([one, two]))
+
+
+@pytest.mark.parametrize('theory', ['koiter', 'paper', 'linear'])
+def test_uniform_stretch_of_a_random_irregular_mesh_is_exact(theory):
+    mesh = irregular_patch()
+    shell = discretise(mesh, Material(1e6, 0.3), 0.1)
+    stretch = np.array([[1.0 + 1e-3, 4e-4, 0.0], [2e-4, 1.0 - 5e-4, 0.0], [0.0, 0.0, 1.0]])
+    energy = shell.energy(theory, mesh.vertices @ stretch)
+    gradient = stretch.T
+    if theory == 'linear':
+        strain = 0.5 * (gradient + gradient.T) - np.eye(3)
+    else:
+        strain = 0.5 * (gradient.T @ gradient - np.eye(3))
+    e = np.array([strain[0, 0], strain[1, 1], 2.0 * strain[0, 1]])
+    exact = 0.5 * 0.1 * shell.area * e @ Material(1e6, 0.3).plane_stress @ e
+    assert energy == pytest.approx(exact, rel=1e-9)
+
+
+def test_bending_of_a_random_irregular_mesh_is_off_by_a_stated_few_percent():
+    mesh = irregular_patch()
+    shell = discretise(mesh, Material(1e6, 0.0), 0.1)
+    radius = 1e5
+    bent = mesh.vertices.copy()
+    bent[:, 2] = 0.5 * bent[:, 0] ** 2 / radius
+    exact = 0.5 * 1e6 * 0.1**3 / 12.0 / radius**2 * shell.area
+    assert shell.energy('koiter', bent) == pytest.approx(exact, rel=0.2)

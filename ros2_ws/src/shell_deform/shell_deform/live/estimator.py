@@ -198,7 +198,7 @@ class Estimator:
         k = len(adopted.fingers)
         force = adopted.response.force + posterior.inputs[:k]
         self._pack(
-            self._packed_linear, self.rest, adopted.linear_columns, force, posterior.root[:k, :k]
+            self._packed_linear, self.rest, adopted.linear_columns, force, posterior.root[:k]
         )
         return self._packed_linear
 

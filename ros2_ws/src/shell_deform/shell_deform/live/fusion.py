@@ -15,11 +15,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.compiled import HAVE_NUMBA
 from shell_deform.live.sample import FLAG_NO_GAUGE, FLAG_SATURATED
+
+if HAVE_NUMBA:
+    from shell_deform.live import fusion_kernel
 
 Array = NDArray[np.float64]
 
 DRIVES = ('force', 'motion', 'fused')
+SOURCES = (
+    'gauge of finger',
+    'motion of finger',
+    'slip of finger',
+    'tangential force of finger',
+    'balance of the forces',
+    'shift of the object',
+    'modulus',
+)
+"""What an observation is, by its code."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +65,11 @@ class ErrorModel:
     modulus: float = 0.05
     model: float = 0.03
     default_travel: float = 2e-5
+
+    @property
+    def numbers(self) -> Array:
+        """All widths in the order of the fields."""
+        return np.array([getattr(self, name) for name in self.__dataclass_fields__][1:], float)
 
     def push_sigma(self, reported: Array) -> Array:
         """Sigma of the gauges' pushes [N] from what the hand reports."""
@@ -110,7 +129,7 @@ class Posterior:
     """The answer.
 
     Attributes:
-        inputs: (j,) away from the equilibrium. root: (j, j) lower root of their covariance.
+        inputs: (j,) away from the equilibrium. root: (j, j) upper root of their covariance.
         contradiction: root mean square of the normalised residuals over the degrees of freedom.
         suspect: the observation that strains most: '', 'gauge of finger 1', 'modulus', ...
     """
@@ -123,14 +142,71 @@ class Posterior:
 
 def fuse(model: ErrorModel, response: Response, measured: Measured) -> Posterior:
     """Most probable inputs under all observations and priors."""
+    if not HAVE_NUMBA:
+        return fuse_numpy(model, response, measured)
     k, r = len(response.force), len(response.rigid)
     j = 3 * k + r + 1
-    rows: list[Array] = []
-    values: list[Array] = []
-    sigmas: list[Array] = []
-    names: list[tuple[str, NDArray[np.int64]]] = []
-    finger, nobody = measured.finger, np.zeros(0, np.int64)
+    rows = np.empty((6 * k + 2 * r + 1, j))
+    values = np.empty(len(rows))
+    kinds = np.empty(len(rows), np.int64)
+    owners = np.empty(len(rows), np.int64)
+    count = fusion_kernel.assemble(
+        model.drive != 'motion',
+        model.drive != 'force',
+        model.numbers,
+        response.force,
+        response.displacement,
+        response.travel_offset,
+        response.rigid,
+        response.rigid_scale,
+        response.reaction,
+        response.rigid_reaction,
+        response.displacement_by,
+        response.reaction_by,
+        response.rigid_by,
+        measured.flags,
+        measured.present,
+        measured.push,
+        measured.sigma_push,
+        measured.travel,
+        measured.sigma_travel,
+        measured.tangential,
+        measured.sigma_tangential,
+        rows,
+        values,
+        kinds,
+        owners,
+    )
+    inputs, root = np.empty(j), np.empty((j, j))
+    chi, worst = fusion_kernel.solve(rows, values, count, inputs, root)
+    return _posterior(
+        inputs, root, chi, count - j, int(kinds[worst]), int(owners[worst]), measured
+    )
+
+
+def _posterior(
+    inputs: Array,
+    root: Array,
+    chi: float,
+    freedom: int,
+    kind: int,
+    owner: int,
+    measured: Measured,
+) -> Posterior:
+    contradiction = float(np.sqrt(chi / max(1, freedom)))
+    suspect = ''
+    if contradiction > 1.0:
+        suspect = SOURCES[kind] + (f' {measured.finger[owner]}' if owner >= 0 else '')
+    return Posterior(inputs, root, contradiction, suspect)
+
+
+def fuse_numpy(model: ErrorModel, response: Response, measured: Measured) -> Posterior:
+    """`fuse` in plain numpy."""
+    k, r = len(response.force), len(response.rigid)
+    j = 3 * k + r + 1
     identity = np.eye(j)
+    contacts = np.arange(k)
+    blocks: list[tuple[int, NDArray[np.int64], Array, Array, Array]] = []
 
     use_force = model.drive != 'motion'
     use_travel = model.drive != 'force'
@@ -138,86 +214,67 @@ def fuse(model: ErrorModel, response: Response, measured: Measured) -> Posterior
     travelled = np.isfinite(measured.travel) & measured.present & use_travel
     sigma = model.push_sigma(measured.sigma_push)
     # A clipped gauge is a lower bound; it counts only where nothing else speaks.
-    sigma = np.where(
-        blind, np.where(travelled, 1e3, np.maximum(sigma, 0.5 * measured.push)), sigma
-    )
+    clipped = np.where(travelled, 1e3, np.maximum(sigma, 0.5 * measured.push))
+    sigma = np.where(blind, clipped, sigma)
     if not use_force:
         sigma = np.where(travelled, 1e3, sigma)
     sigma = np.where(measured.present, sigma, model.force_floor)
-    rows.append(identity[:k])
-    values.append(np.where(measured.present, measured.push, 0.0) - response.force)
-    sigmas.append(sigma)
-    names.append(('gauge of finger', finger))
+    push = np.where(measured.present, measured.push, 0.0)
+    blocks.append((0, contacts, identity[:k], push - response.force, sigma))
 
-    if travelled.any():
-        spread = np.where(
-            np.isfinite(measured.sigma_travel), measured.sigma_travel, model.default_travel
-        )
-        stretch = model.tendon * np.abs(measured.push) * model.tendon_relative
-        observed = (
-            measured.travel + response.travel_offset - model.tendon * response.force
-        ) - response.displacement
-        rows.append((response.displacement_by + model.tendon * identity[:k])[travelled])
-        values.append(observed[travelled])
-        sigmas.append(np.sqrt(spread**2 + model.mounting**2 + stretch**2)[travelled])
-        names.append(('motion of finger', finger[travelled]))
-
-    rows.append(identity[k : 3 * k])
-    values.append(np.zeros(2 * k))
-    sigmas.append(np.full(2 * k, model.slip))
-    names.append(('slip of finger', finger.repeat(2)))
-
-    seen = np.isfinite(measured.sigma_tangential) & np.repeat(measured.present, 2)
-    if seen.any():
-        rows.append(response.reaction_by[seen])
-        values.append((measured.tangential - response.reaction)[seen])
-        sigmas.append(np.hypot(measured.sigma_tangential, model.force_floor)[seen])
-        names.append(('tangential force of finger', finger.repeat(2)[seen]))
-
-    if r:
-        scale = response.rigid_scale
-        rows.append(response.rigid_by)
-        values.append(-response.rigid_reaction)
-        sigmas.append(np.full(r, model.outside / scale))
-        names.append(('balance of the forces', nobody))
-        rows.append(identity[3 * k : 3 * k + r])
-        # Without motion data nothing tells a shift: the object stays where it is.
-        free = model.rigid if travelled.any() else 1e-3 * model.rigid
-        values.append(-response.rigid if travelled.any() else np.zeros(r))
-        sigmas.append(np.full(r, free * scale))
-        names.append(('shift of the object', nobody))
-
-    rows.append(identity[-1:])
-    values.append(np.zeros(1))
-    sigmas.append(np.array([np.hypot(model.modulus, model.model) + 1e-9]))
-    names.append(('modulus', nobody))
-
-    weight = 1.0 / np.concatenate(sigmas)
-    design = np.concatenate(rows) * weight[:, None]
-    right = np.concatenate(values) * weight
-    scale_inputs = 1.0 / np.sqrt(np.einsum('mj,mj->j', design, design))
-    scaled = design * scale_inputs
-    covariance = np.linalg.inv(scaled.T @ scaled)
-    inputs = covariance @ (scaled.T @ right)
-    residual = scaled @ inputs - right
-    freedom = max(1, len(right) - j)
-    contradiction = float(np.sqrt(residual @ residual / freedom))
-    root = np.linalg.cholesky(0.5 * (covariance + covariance.T)) * scale_inputs[:, None]
-    return Posterior(
-        inputs * scale_inputs,
-        root,
-        contradiction,
-        _suspect(residual, values, names) if contradiction > 1.0 else '',
+    spread = np.where(
+        np.isfinite(measured.sigma_travel), measured.sigma_travel, model.default_travel
     )
+    stretch = model.tendon * np.abs(measured.push) * model.tendon_relative
+    observed = measured.travel + response.travel_offset - model.tendon * response.force
+    design = response.displacement_by + model.tendon * identity[:k]
+    sigma = np.sqrt(spread**2 + model.mounting**2 + stretch**2)
+    blocks.append(
+        (
+            1,
+            contacts[travelled],
+            design[travelled],
+            (observed - response.displacement)[travelled],
+            sigma[travelled],
+        )
+    )
+    pairs = contacts.repeat(2)
+    width = np.full(2 * k, model.slip)
+    blocks.append((2, pairs, identity[k : 3 * k], np.zeros(2 * k), width))
+    seen = np.isfinite(measured.sigma_tangential) & np.repeat(measured.present, 2)
+    sigma = np.hypot(measured.sigma_tangential, model.force_floor)
+    missing = measured.tangential - response.reaction
+    blocks.append((3, pairs[seen], response.reaction_by[seen], missing[seen], sigma[seen]))
+    nobody = np.full(r, -1)
+    scale = response.rigid_scale
+    outside = np.full(r, model.outside / scale)
+    blocks.append((4, nobody, response.rigid_by, -response.rigid_reaction, outside))
+    # Without motion data nothing tells a shift: the object stays where it is.
+    moving = bool(travelled.any())
+    width = np.full(r, model.rigid * scale * (1.0 if moving else 1e-3))
+    shift = -response.rigid if moving else np.zeros(r)
+    blocks.append((5, nobody, identity[3 * k : 3 * k + r], shift, width))
+    stiffness = np.array([np.hypot(model.modulus, model.model) + 1e-9])
+    blocks.append((6, np.array([-1]), identity[-1:], np.zeros(1), stiffness))
 
-
-def _suspect(
-    residual: Array, values: list[Array], names: list[tuple[str, NDArray[np.int64]]]
-) -> str:
-    """Name of the observation with the largest normalised residual."""
-    worst = int(np.argmax(np.abs(residual)))
-    for (name, owners), block in zip(names, values, strict=True):
-        if worst < len(block):
-            return f'{name} {owners[worst]}' if len(owners) else name
-        worst -= len(block)
-    return ''
+    weight = 1.0 / np.concatenate([block[4] for block in blocks])
+    rows = np.concatenate([block[2] for block in blocks]) * weight[:, None]
+    right = np.concatenate([block[3] for block in blocks]) * weight
+    kinds = np.concatenate([np.full(len(block[1]), block[0]) for block in blocks])
+    owners = np.concatenate([block[1] for block in blocks])
+    scaling = 1.0 / np.sqrt(np.einsum('mj,mj->j', rows, rows))
+    scaled = rows * scaling
+    lower = np.linalg.cholesky(scaled.T @ scaled)
+    half = np.linalg.inv(lower).T
+    inputs = half @ (half.T @ (scaled.T @ right))
+    residual = scaled @ inputs - right
+    worst = int(np.argmax(residual**2))
+    return _posterior(
+        inputs * scaling,
+        half * scaling[:, None],
+        float(residual @ residual),
+        len(right) - j,
+        int(kinds[worst]),
+        int(owners[worst]),
+        measured,
+    )

@@ -4,14 +4,15 @@ Linear theory is the first term of the response in the loads. The second term co
 hand side per pair of contacts, solved once at rest, and says how the response bends away from the
 straight line, for this shell, these contacts, this pressure: no fitted constant of R/h enters.
 With w = a F + b F^2 along the loading the secant stiffness is 1 - q to first order,
-q = (b / a^2) w; written as 1 / (1 + q) it stays right far beyond (for the sphere within a few
-percent to twice the wall thickness), so linear theory misses the share q / (1 + q) of the
-displacement.
+q = (b / a^2) w. Written as 1 / (1 + q + q^2 / 2), the same to second order as the exponential that
+thin spheres follow up to twice the wall, it stays useful beyond; linear theory then misses the
+rest of the displacement.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +39,14 @@ class SmallLoads:
 
 def pair_products(force: Array) -> Array:
     """(k (k + 1) / 2,) products F_i F_j of pairs i <= j."""
-    first, second = np.triu_indices(len(force))
+    first, second = _pairs(len(force))
     return force[first] * force[second]
+
+
+@lru_cache
+def _pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Indices of the pairs i <= j."""
+    return np.triu_indices(count)
 
 
 def small_loads(
@@ -61,7 +68,7 @@ def small_loads(
         backward = model.gradient(rest - offset)[1]
         return (forward + backward - 2.0 * base) / step**2
 
-    first, second = np.triu_indices(count)
+    first, second = _pairs(count)
     own = [bending(fields[:, i]) for i in range(count)]
     loads = np.zeros((fields.shape[0], len(first)))
     for p, (i, j) in enumerate(zip(first, second, strict=True)):
@@ -91,4 +98,4 @@ def linear_error(
     if displacement is not None:
         depth = float(np.abs(displacement).max(initial=0.0)) / size
     q = float(bend[worst] / linear[worst]) * depth
-    return q / (1.0 + q) if q > 0 else -q
+    return 1.0 - 1.0 / (1.0 + q + 0.5 * q * q) if q > 0 else -q

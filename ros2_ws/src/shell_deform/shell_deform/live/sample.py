@@ -17,6 +17,9 @@ FLAG_FAULT = 16
 FLAG_NO_GAUGE = 32
 
 
+FARTHEST = 10.0
+
+
 class SampleError(ValueError):
     """A sample that cannot be used; says which row, which value and what is allowed."""
 
@@ -81,6 +84,14 @@ COLUMNS = (
 def check(sample: ContactSample) -> None:
     """Raise SampleError for numbers no contact can have; only rows in contact are looked at."""
     touching = sample.touching
+    total = sample.point.sum() + sample.normal.sum() + sample.force.sum() + sample.radius.sum()
+    squares = np.einsum('pi,pi->p', sample.normal, sample.normal)
+    if (
+        np.isfinite(total)
+        and (np.abs(squares - 1.0) < 1e-2).all()
+        and (np.abs(sample.point) < FARTHEST).all()
+    ):
+        return
     for name in ('point', 'normal', 'force', 'radius'):
         values = getattr(sample, name)[touching]
         if not np.all(np.isfinite(values)):
@@ -97,8 +108,10 @@ def check(sample: ContactSample) -> None:
             f'contact of finger {int(sample.finger[touching][row])}: the normal has length '
             f'{length[row]:.4g}; a unit vector is needed, so the sample is not used'
         )
-    if np.any(np.abs(sample.point[touching]) > 10.0):
-        raise SampleError('a contact point lies more than 10 m from its frame; metres are needed')
+    if np.any(np.abs(sample.point[touching]) >= FARTHEST):
+        raise SampleError(
+            f'a contact point lies more than {FARTHEST:g} m from its frame; metres are needed'
+        )
 
 
 def one_row_per_finger(sample: ContactSample, default_radius: float) -> ContactSample:

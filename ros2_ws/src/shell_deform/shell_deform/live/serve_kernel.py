@@ -37,8 +37,9 @@ def serve_numpy(
     Args:
         rest, surface, normals: (n, 3) undeformed and last equilibrium [m], unit normals.
         columns: (n, 3, j) motion per unit input. inputs: (j,) away from the equilibrium.
-        root: (j, i) root of the inputs' covariance. curvature: (n,) [1/m], with `step_squared`
-            [m^2] the error of the linear step. rotation, translation: object to contacts.
+        root: (j, i) upper triangular root of the inputs' covariance. curvature: (n,) [1/m], with
+            `step_squared` [m^2] the error of the linear step. rotation, translation: from the
+            object to the contacts.
         pose_root: (6, i) root of the covariance of the pose (translation, rotation vector).
     """
     position = surface + columns @ inputs
@@ -93,9 +94,9 @@ if HAVE_NUMBA:
             error = curvature[v] * step_squared
             variance = error * error
             for i in range(roots):
-                # The root of a covariance is lower triangular.
+                # The root is upper triangular.
                 part = 0.0
-                for j in range(i, count):
+                for j in range(min(i + 1, count)):
                     part += along[j] * root[j, i]
                 variance += part * part
             if pose_roots > 0:
@@ -123,7 +124,7 @@ if HAVE_NUMBA:
         return float(largest)
 
     def serve(*arguments: Any) -> float:
-        """`serve_numpy`, compiled; `root` must be lower triangular."""
+        """`serve_numpy`, compiled; `root` must be upper triangular."""
         return float(_serve(*arguments))
 
 else:  # pragma: no cover - numba is there in every locked environment

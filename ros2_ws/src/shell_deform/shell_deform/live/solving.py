@@ -164,7 +164,7 @@ class LiveSolver:
         self._condensed_at = moved
         self._inputs_at = self._inputs()
         if old is not None and old_columns is not None and old_inputs is not None:
-            self._update_curvature(old_columns, old_state, self._inputs_at - old_inputs)
+            self._update_curvature(old, old_columns, old_state, self._inputs_at - old_inputs)
         return True
 
     def fill(self, slot: Slot) -> None:
@@ -250,7 +250,7 @@ class LiveSolver:
                     self.model.surface,
                     self.unloaded,
                     0.5 * self._wall,
-                    [touch.point for touch in load.touches],
+                    [touch.first_point for touch in load.touches],
                     [touch.normal for touch in load.touches],
                 )
                 self._pose_in_use = self._placement.pose
@@ -286,7 +286,7 @@ class LiveSolver:
         contacts = self.contacts.contacts
         if load is None or load.drive == DRIVE_FORCE:
             return np.zeros(len(contacts), bool)
-        known = {t.finger: np.isfinite(t.displacement + t.travel) for t in load.touches}
+        known = {touch.finger: np.isfinite(touch.travel) for touch in load.touches}
         return np.array([known.get(contact.finger, False) for contact in contacts], bool)
 
     def _target(self, load: Load, touches: tuple[Touch, ...], before: dict[int, float]) -> Target:
@@ -324,14 +324,26 @@ class LiveSolver:
         lateral = (rows.held.T @ self.tracker.state.moved)[rows.lateral_columns]
         return np.concatenate([here.force, lateral, here.rigid, [0.0]])
 
-    def _update_curvature(self, old_columns: Array, old_state: Array, inputs: Array) -> None:
-        """What the old columns missed on the way here, per squared step of the contacts."""
+    def _update_curvature(
+        self, old: Condensed, old_columns: Array, old_state: Array, inputs: Array
+    ) -> None:
+        """What the old columns missed on the way here, per squared step of the contacts.
+
+        As in the tick, pushes of driven contacts follow from their motion.
+        """
         rows = self._rows()
         moved = self.tracker.state.moved
-        steps = np.abs(rows.measure.T @ (moved - old_state))
-        step = float(steps.max(initial=0.0))
+        steps = rows.measure.T @ (moved - old_state)
+        step = float(np.abs(steps).max(initial=0.0))
         if step < SMALLEST_STEP * self._wall:
             return
+        driven = np.flatnonzero(self._driven(self._load))
+        if len(driven):
+            left = steps - old.displacement @ inputs
+            inputs = inputs.copy()
+            inputs[driven] += np.linalg.lstsq(
+                old.displacement[np.ix_(driven, driven)], left[driven], rcond=None
+            )[0]
         surface = self.model.surface
         change = surface.limit_matrix @ (moved - old_state).reshape(-1, 3)
         missed = change - old_columns @ inputs

@@ -66,17 +66,19 @@ class TrackingOptions:
     Attributes:
         residual: relative residual force that ends the iterations.
         step: or a last correction below this share of the wall thickness.
-        iterations: chord iterations per step. contraction: slower than this ends a step.
-        tangents: at most so many new tangents per advance.
-        largest_move: correction in wall thicknesses beyond which a step is halved.
+        iterations: per step. contraction: slower than this asks for a new tangent.
+        tangents: at most so many new tangents per advance; tangents_per_step: per step.
+        largest_move: correction in wall thicknesses beyond which a step is halved; longer ones
+            may land on another branch of a shell that has several.
     """
 
     residual: float = 1e-7
     step: float = 2e-5
-    iterations: int = 12
-    contraction: float = 0.6
-    tangents: int = 8
-    largest_move: float = 4.0
+    iterations: int = 25
+    contraction: float = 0.5
+    tangents: int = 24
+    tangents_per_step: int = 3
+    largest_move: float = 1.0
 
 
 class EquilibriumTracker:
@@ -89,6 +91,8 @@ class EquilibriumTracker:
         self._wall = float(model.shell.thickness.max())
         self._noise_force = 1e-7 * float(model.shell.membrane[:, 0, 0].max()) * self._wall
         self._tangent: Tangent | None = None
+        self._factor: Factor | None = None
+        self._budget = self.options.tangents
         self._system: CondensedSystem | None = None
         self.factorisations = 0
         self.iterations = 0
@@ -150,15 +154,20 @@ class EquilibriumTracker:
         )
 
     def system(self) -> CondensedSystem:
-        """The factorised tangent at the present state."""
+        """The factorised tangent at or near the present state."""
         if self._system is None:
-            if self._tangent is None:
-                self._tangent = self.model.tangent(self.positions)
-                self._factor = self._solver.factor(self._tangent.stiffness)
-                self._fresh = True
-                self.factorisations += 1
-            self._system = CondensedSystem(self._factor, self._tangent, self._rows())
+            self._fresh = self._fresh or self._tangent is None
+            self._linearise(self.positions)
+        assert self._system is not None
         return self._system
+
+    def _linearise(self, positions: Array) -> None:
+        """Factorise the tangent at control `positions` (n, 3), unless one is kept."""
+        if self._tangent is None or self._factor is None:
+            self._tangent = self.model.tangent(positions)
+            self._factor = self._solver.factor(self._tangent.stiffness)
+            self.factorisations += 1
+        self._system = CondensedSystem(self._factor, self._tangent, self._rows())
 
     def condense(self) -> Condensed:
         """Columns about the present state, from a tangent taken exactly there."""
@@ -176,22 +185,20 @@ class EquilibriumTracker:
         """
         start = self.here(target.driven)
         reached, step = 0.0, 1.0
-        budget = self.options.tangents
+        self._budget = self.options.tangents
         self.message = ''
         while reached < 1.0:
             trial = min(1.0, reached + step)
-            found = self._chord(_between(start, target, trial))
+            found = self._iterate(_between(start, target, trial))
             if found is not None:
                 self.state = found
                 self._fresh = False
                 reached = trial
                 step *= 1.5
-            elif self._fresh:
-                step = 0.5 * (trial - reached)
-            if reached < 1.0 and not self._fresh:
-                budget -= 1
-                self._renew()
-            if reached < 1.0 and (budget < 0 or step < SMALLEST_STEP):
+                continue
+            self._renew()
+            step = 0.5 * (trial - reached)
+            if self._budget <= 0 or step < SMALLEST_STEP:
                 self.message = self.message or 'the load case changes faster than the solver'
                 return reached
         self.message = ''
@@ -207,17 +214,18 @@ class EquilibriumTracker:
             self._tangent = None
             self._system = None
 
-    def _chord(self, target: Target) -> State | None:
-        """The state under `target` by chord iterations, or None."""
+    def _iterate(self, target: Target) -> State | None:
+        """The state under `target`, or None.
+
+        Chord iterations on the tangent at hand; where they contract too slowly, a new tangent.
+        """
         options, rows, system = self.options, self._rows(), self.system()
-        constraints = rows.constraints
-        driven = target.driven
-        inverse = np.linalg.pinv(system.compliance[np.ix_(driven, driven)])
+        constraints, driven = rows.constraints, target.driven
         prescribed = np.concatenate([target.held, target.rigid])
         force = np.where(driven, self.state.force, target.force)
         moved = self.state.moved
         _, gradient = self.model.gradient(self.positions)
-        before = np.inf
+        before, tangents = np.inf, options.tangents_per_step
         for _ in range(options.iterations):
             step, multipliers = system.solve(
                 rows.push @ force - gradient, prescribed - constraints.T @ moved
@@ -225,23 +233,25 @@ class EquilibriumTracker:
             if driven.any():
                 missing = (target.displacement - rows.measure.T @ (moved + step))[driven]
                 more = np.zeros(len(force))
-                more[driven] = inverse @ missing
+                more[driven] = np.linalg.lstsq(
+                    system.compliance[np.ix_(driven, driven)], missing, rcond=None
+                )[0]
                 step = step + system.push_fields @ more
                 multipliers = multipliers + system.push_multipliers @ more
                 force = force + more
-            largest = float(np.abs(step).max(initial=0.0))
             self.iterations += 1
+            largest = float(np.abs(step).max(initial=0.0))
             if not largest < options.largest_move * self._wall:
                 self.message = f'an iteration moved the surface by {1e3 * largest:.1f} mm'
                 return None
-            if largest > options.contraction * before:
+            slow = largest > options.contraction * before
+            if slow and (largest > 2.0 * before or tangents == 0 or self._budget <= 0):
                 self.message = 'the iterations did not converge'
                 return None
-            before = largest
             moved = moved + step
-            energy, gradient = self.model.gradient(self.model.rest + moved.reshape(-1, 3))
-            held = constraints @ multipliers
-            carried = rows.push @ force
+            positions = self.model.rest + moved.reshape(-1, 3)
+            energy, gradient = self.model.gradient(positions)
+            held, carried = constraints @ multipliers, rows.push @ force
             scale = max(
                 float(np.linalg.norm(carried)), float(np.linalg.norm(held)), self._noise_force
             )
@@ -251,6 +261,13 @@ class EquilibriumTracker:
                 return None
             if residual < options.residual or largest < options.step * self._wall:
                 return State(moved, force, multipliers, energy, residual)
+            before = largest
+            if slow:
+                tangents -= 1
+                self._budget -= 1
+                self._fresh, self._tangent = False, None
+                self._linearise(positions)
+                system, before = self.system(), np.inf
         self.message = 'the iterations did not converge'
         return None
 

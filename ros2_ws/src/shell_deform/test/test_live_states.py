@@ -1,0 +1,174 @@
+"""States, sample checks, stamps and poses."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from live_hand import opposed, sample
+
+from shell_deform.live.health import Latencies, StampWatch
+from shell_deform.live.pose import Pose, PoseError, pose_of, quaternion, rotation_of
+from shell_deform.live.sample import (
+    FLAG_CONTACT,
+    FLAG_FAULT,
+    FLAG_SATURATED,
+    FLAG_STALE,
+    SampleError,
+    check,
+    one_row_per_finger,
+)
+from shell_deform.live.states import LiveState, Watch
+
+PERIOD = 0.01
+
+
+def fed(watch, count=20, flags=FLAG_CONTACT, start=0.0):
+    for i in range(count):
+        watch.sample(opposed([1, 1], flags=flags), start + i * PERIOD)
+    return start + (count - 1) * PERIOD
+
+
+def test_there_is_no_hand_before_the_first_sample():
+    watch = Watch()
+    assert watch.state is LiveState.NO_HAND
+    assert watch.look(100.0, True) is LiveState.NO_HAND
+
+
+@pytest.mark.parametrize(
+    ('flags', 'state'),
+    [
+        (0, LiveState.FREE),
+        (FLAG_CONTACT, LiveState.CONTACT),
+        (FLAG_CONTACT | FLAG_SATURATED, LiveState.SATURATED),
+        (FLAG_SATURATED, LiveState.FREE),
+        (FLAG_CONTACT | FLAG_STALE, LiveState.STALE),
+        (FLAG_CONTACT | FLAG_STALE | FLAG_FAULT, LiveState.FAULT),
+    ],
+)
+def test_the_flags_of_a_sample_decide_the_state(flags, state):
+    watch = Watch()
+    fed(watch, flags=flags)
+    assert watch.state is state
+
+
+def test_three_periods_of_silence_are_stale_and_two_are_not():
+    watch = Watch(periods=3.0, floor=0.0)
+    last = fed(watch)
+    assert watch.look(last + 2.5 * PERIOD, True) is LiveState.CONTACT
+    assert watch.look(last + 3.5 * PERIOD, True) is LiveState.STALE
+
+
+def test_a_new_sample_ends_stale_and_the_pause_does_not_count_as_a_period():
+    watch = Watch(floor=0.0)
+    last = fed(watch)
+    watch.look(last + 1.0, True)
+    assert watch.sample(opposed([1, 1]), last + 1.0) is LiveState.CONTACT
+    assert watch.period == pytest.approx(PERIOD)
+
+
+def test_a_vanished_publisher_is_no_hand_after_a_second():
+    watch = Watch()
+    last = fed(watch)
+    assert watch.look(last + 0.5, False) is LiveState.STALE
+    assert watch.look(last + 1.5, False) is LiveState.NO_HAND
+
+
+def test_an_unusable_sample_is_a_fault():
+    assert Watch().refused(0.0) is LiveState.FAULT
+
+
+@pytest.mark.parametrize('state', [LiveState.STALE, LiveState.FAULT, LiveState.NO_HAND])
+def test_nothing_is_served_when_stale_faulty_or_without_hand(state):
+    assert not state.is_served
+
+
+def test_nan_and_infinity_in_a_touching_row_are_refused_by_name():
+    for bad in (np.nan, np.inf, -np.inf):
+        with pytest.raises(SampleError, match='finger 2: force'):
+            contacts = opposed([1.0, 1.0])
+            contacts.force[1, 0] = bad
+            check(contacts)
+
+
+def test_nan_in_a_row_that_does_not_touch_is_of_no_concern():
+    contacts = opposed([1.0, np.nan], flags=[FLAG_CONTACT, 0])
+    check(contacts)
+    assert one_row_per_finger(contacts, 1e-3).finger.tolist() == [1]
+
+
+def test_a_normal_that_is_no_unit_vector_is_refused():
+    with pytest.raises(SampleError, match='length 2'):
+        check(sample([[0, 0, 0.03]], [[0, 0, -2.0]], [1.0]))
+
+
+def test_a_point_in_millimetres_is_refused():
+    with pytest.raises(SampleError, match='metres'):
+        check(sample([[0, 0, 32.5]], [[0, 0, -1.0]], [1.0]))
+
+
+def test_the_cells_of_one_finger_become_their_resultant():
+    cells = sample(
+        [[0, 0, 0.03], [0, 2e-3, 0.03], [0, 0, -0.03]],
+        [[0, 0, -1.0], [0, 0, -1.0], [0, 0, 1.0]],
+        [1.0, 3.0, 4.0],
+        fingers=[1, 1, 2],
+    )
+    merged = one_row_per_finger(cells, 1e-3)
+    assert merged.finger.tolist() == [1, 2]
+    assert merged.push == pytest.approx([4.0, 4.0])
+    assert merged.point[0] == pytest.approx([0, 1.5e-3, 0.03])
+    assert merged.radius[0] > cells.radius[0]
+
+
+def test_missing_radius_becomes_the_default():
+    merged = one_row_per_finger(opposed([1, 1], radius=np.nan), 2e-3)
+    assert merged.radius == pytest.approx([2e-3, 2e-3])
+
+
+def test_lost_samples_are_counted_from_the_stamps():
+    watch = StampWatch()
+    for i in (0, 1, 2, 3, 6, 7):
+        assert watch.arrived(i * 10_000_000)
+    assert watch.lost == 2
+    assert watch.samples == 6
+
+
+def test_a_repeated_stamp_is_not_answered_and_a_step_back_starts_anew():
+    watch = StampWatch()
+    watch.arrived(100)
+    assert not watch.arrived(100)
+    assert watch.arrived(50)
+    assert (watch.repeated, watch.backwards, watch.lost) == (1, 1, 0)
+
+
+def test_latency_percentiles_are_those_of_the_last_values():
+    latencies = Latencies()
+    assert latencies.percentile(50) == 0.0
+    for value in range(1, 101):
+        latencies.add(float(value))
+    assert latencies.percentile(50) == pytest.approx(50.5)
+
+
+vectors = st.tuples(*[st.floats(-3.0, 3.0) for _ in range(3)]).map(np.array)
+
+
+@given(vectors, vectors)
+def test_a_pose_survives_its_numbers(turn, shift):
+    pose = Pose(rotation_of(turn), shift)
+    again = pose_of(pose.numbers)
+    assert again.rotation == pytest.approx(pose.rotation, abs=1e-9)
+    assert quaternion(pose.rotation)[3] >= 0.0
+
+
+@given(vectors, vectors, vectors)
+def test_to_and_from_the_object_are_inverse(turn, shift, point):
+    pose = Pose(rotation_of(turn), shift)
+    assert pose.from_object(pose.to_object(point[None]))[0] == pytest.approx(point, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    'numbers', [[0.0] * 7, [0.0] * 6, [np.nan, 0, 0, 0, 0, 0, 1.0], [0, 0, 0, 0, 0, 0, 2.0]]
+)
+def test_numbers_that_are_no_pose_are_refused(numbers):
+    with pytest.raises(PoseError):
+        pose_of(numbers)

@@ -1,0 +1,144 @@
+"""The background process: building, answering, dying, coming back."""
+
+import os
+import signal
+import time
+
+import live_hand
+import numpy as np
+import pytest
+
+from shell_deform.live.estimator import Estimator, Settings
+from shell_deform.live.exchange import REQUEST, Layout, create
+from shell_deform.live.pose import IDENTITY
+from shell_deform.live.worker_link import (
+    BACK_OFF_FIRST_S,
+    Build,
+    WorkerError,
+    WorkerLink,
+    WorkerProcess,
+    empty_request,
+)
+
+BALL = Build('tennis_ball_as_printed', 'koiter', 150)
+
+
+def until(condition, timeout=60.0):
+    deadline = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+@pytest.fixture(scope='module')
+def worker():
+    process = WorkerProcess(BALL)
+    until(process.became_ready)
+    yield process
+    process.stop()
+
+
+def ask(worker, depth, stamp):
+    """Post a squeeze to `depth` [m]."""
+    estimator = Estimator(worker.memory.rest, worker.memory.rest_normals, Settings())
+    estimator.pose = IDENTITY
+    estimator.tick(live_hand.opposed([0.3, 0.3], [depth] * 2, stamp=stamp, radius=4e-3))
+    request = empty_request()
+    estimator.fill_request(request[0])
+    worker.post(request)
+
+
+def answer_to(worker, stamp):
+    """Wait for the state that answers the sample of `stamp`."""
+    found = []
+
+    def arrived():
+        slot = worker.newer_result()
+        if slot is not None and int(slot.record['stamp']) == stamp:
+            found.append(slot)
+        return bool(found)
+
+    until(arrived)
+    return found[-1]
+
+
+def test_the_shell_at_rest_is_shared_when_it_is_built(worker):
+    radius = np.linalg.norm(worker.memory.rest, axis=1)
+    assert radius == pytest.approx(np.full(len(radius), 31.25e-3), rel=1e-3)
+    assert worker.memory.triangles.max() == len(radius) - 1
+    assert worker.thickness == pytest.approx(2.5e-3)
+
+
+def test_a_load_case_is_answered_with_its_stamp(worker):
+    ask(worker, 1e-3, 7)
+    record = answer_to(worker, 7).record
+    assert record['displacement'][:2] == pytest.approx([1e-3, 1e-3], rel=1e-6)
+    assert record['share'] == 1.0
+
+
+def test_overtaken_load_cases_are_dropped_and_counted(worker):
+    before = int(worker.memory.take().record['dropped'])
+    for stamp in range(100, 200):
+        ask(worker, 1e-3 + 1e-6 * stamp, stamp)
+    record = answer_to(worker, 199).record
+    assert record['displacement'][0] == pytest.approx(1e-3 + 1e-6 * 199, rel=1e-6)
+    assert int(record['dropped']) > before
+
+
+def test_an_unknown_object_is_reported_in_one_sentence():
+    process = WorkerProcess(Build('no_such_object', 'koiter'))
+    try:
+        with pytest.raises(WorkerError, match='no_such_object'):
+            until(process.became_ready)
+    finally:
+        process.stop()
+
+
+def test_a_killed_process_is_started_again_after_the_back_off():
+    link = WorkerLink(BALL)
+    try:
+        until(lambda: link.tend(0.0))
+        os.kill(link.worker.process.pid, signal.SIGKILL)
+        until(lambda: not link.worker.alive)
+        assert not link.tend(20.0)
+        assert not link.tend(20.0 + 0.5 * BACK_OFF_FIRST_S)
+        assert link.restarts == 0
+        link.tend(20.0 + 1.1 * BACK_OFF_FIRST_S)
+        assert link.restarts == 1
+        until(lambda: link.tend(21.0))
+        ask(link.worker, 5e-4, 3)
+        answer_to(link.worker, 3)
+    finally:
+        link.stop()
+
+
+def test_the_process_ends_with_its_owner():
+    process = WorkerProcess(BALL)
+    until(process.became_ready)
+    process.stop()
+    assert not process.alive
+
+
+def test_a_reader_never_sees_half_a_load_case():
+    memory, descriptor = create(Layout(12, 20))
+    os.close(descriptor)
+    assert memory.read_request() is None
+    request = np.zeros(1, REQUEST)
+    memory.write_request(request, 1)
+    memory.request['begin'] = 2
+    assert memory.read_request() is None
+    memory.request['end'] = 2
+    assert memory.read_request() is not None
+
+
+def test_a_result_being_read_is_not_overwritten():
+    memory, descriptor = create(Layout(12, 20))
+    os.close(descriptor)
+    memory.publish(memory.free_slot(), 1)
+    reading = memory.take()
+    for sequence in range(2, 20):
+        index = memory.free_slot()
+        assert memory.slots[index] is not reading
+        memory.publish(index, sequence)
+    assert int(reading.record['begin']) == 1
+    assert int(memory.take().record['begin']) == 19

@@ -32,10 +32,9 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from PIL import Image
-from scipy.spatial import cKDTree
 
 from grasp_replay.report.camera import Camera, faces_viewer, painter_order
+from grasp_replay.report.pictures import LINEAR, NONLINEAR, REST, indexed
 from grasp_replay.report.section import level_lines
 from shell_deform.building import build_model, object_contacts
 from shell_deform.objects import load_object
@@ -50,7 +49,6 @@ BAG = ROOT / 'bags' / 'tennis_ball_two_finger'
 STEPS = 20
 DEEPEST_M = 10.27e-3
 MILLI = 1e3
-NONLINEAR, LINEAR, REST = '#00457c', '#c05a00', '#909090'
 BROWSER_FLAGS = (
     '--headless',
     '--no-sandbox',
@@ -135,28 +133,10 @@ def _figure(width: float, height: float) -> Figure:
     return figure
 
 
-def _pixels(figure: Figure) -> Image.Image:
+def _pixels(figure: Figure) -> NDArray[np.uint8]:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
-
-
-def _palette() -> NDArray[np.uint8]:
-    """One palette (n, 3) for all frames: cividis, greys, the curves' two colours."""
-    bar = np.round(colormaps['cividis'](np.linspace(0, 1, 190))[:, :3] * 255)
-    grey = np.repeat(np.linspace(0, 255, 48)[:, None], 3, axis=1)
-    lines = [[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in (NONLINEAR, LINEAR)]
-    return np.concatenate([bar, grey, lines]).astype(np.uint8)
-
-
-def _indexed(picture: Image.Image, palette: NDArray[np.uint8]) -> Image.Image:
-    """The picture in the palette's colours, nearest ones, without dithering."""
-    pixels = np.asarray(picture)
-    colours, where = np.unique(pixels.reshape(-1, 3), axis=0, return_inverse=True)
-    nearest = cKDTree(palette.astype(float)).query(colours)[1].astype(np.uint8)
-    image = Image.fromarray(nearest[where.ravel()].reshape(pixels.shape[:2]), 'P')
-    image.putpalette(palette.tobytes())
-    return image
+    return np.asarray(canvas.buffer_rgba())[..., :3]
 
 
 def _camera() -> Camera:
@@ -210,7 +190,7 @@ def draw_squeeze() -> Path:
     nonlinear = squeeze('koiter', np.linspace(0, DEEPEST_M, STEPS + 1)[1:].tolist(), False)
     linear = squeeze('linear', nonlinear.force[1:].tolist(), True)
     scale = Normalize(0.0, 10.0, clip=True)
-    palette, frames = _palette(), []
+    frames = []
     # In, hold, out.
     for step in [*range(STEPS + 1), *[STEPS] * 5, *range(STEPS - 2, 0, -2)]:
         figure = _figure(9.0, 3.5)
@@ -229,7 +209,7 @@ def draw_squeeze() -> Path:
         )
         bar.ax.set_title('mm', fontsize=9)
         figure.text(0.31, 0.03, 'the same force on both', ha='center', fontsize=9)
-        frames.append(_indexed(_pixels(figure), palette))
+        frames.append(indexed(_pixels(figure)))
     path = PICTURES / 'squeeze.gif'
     frames[0].save(
         path, save_all=True, append_images=frames[1:], duration=90, loop=0, optimize=True

@@ -69,6 +69,15 @@ def faces_viewer(camera: Camera, vertices: Floats, triangles: Ints) -> np.ndarra
     return np.cross(b - a, c - a) @ camera.toward > 0.0
 
 
+def is_closed(triangles: Ints) -> bool:
+    """Whether every edge belongs to two faces."""
+    edges = np.sort(
+        np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1
+    )
+    _, count = np.unique(edges, axis=0, return_counts=True)
+    return bool((count == 2).all())
+
+
 def visible_points(camera: Camera, points: Floats, cell: float, depth: float) -> np.ndarray:
     """(n,) bool: no other point of the same `cell` m square lies more than `depth` m in front."""
     if not len(points):

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from itertools import cycle
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -18,10 +19,19 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from PIL import Image
+from scipy.spatial import cKDTree
 
-from .camera import Camera, dent_camera, faces_viewer, painter_order, visible_points
+from .camera import (
+    Camera,
+    dent_camera,
+    faces_viewer,
+    is_closed,
+    painter_order,
+    visible_points,
+)
 from .errors import nice_ceiling, scan_displacement, seen_radius, vertex_errors
-from .scene import Curve, Floats, Kind, LinearityTrace, RowScene
+from .scene import Curve, Floats, Kind, LinearityTrace, RowScene, thinned
 from .section import dent_section, level_lines
 
 NOT_SEEN = (0.80, 0.80, 0.80, 1.0)
@@ -29,6 +39,8 @@ INSIDE = (0.45, 0.45, 0.45, 1.0)
 NONLINEAR, LINEAR, REST = '#00457c', '#c05a00', '#909090'
 MARKERS: dict[Kind, str] = {'published': 's', 'measured': 'D', 'synthetic': 'o', 'predicted': '^'}
 MILLI = 1e3
+SHADES = (0.2, 0.35, 0.5, 0.65, 0.8, 0.9)
+PROFILE_POINTS = 800
 THEORY_LINES: dict[str, tuple[str, str]] = {
     'koiter': (NONLINEAR, '-'),
     'paper': (REST, '-.'),
@@ -43,10 +55,31 @@ def _figure(width: float, height: float) -> Figure:
 
 
 def png(figure: Figure) -> bytes:
-    """The figure as PNG bytes, without the program's version or time in them."""
+    """The figure as PNG bytes of 256 colours, without the program's version or time in them."""
+    FigureCanvasAgg(figure).draw()
+    pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3]  # type: ignore[attr-defined]
     stream = io.BytesIO()
-    figure.savefig(stream, format='png', metadata={'Software': None})
+    indexed(pixels).save(stream, format='PNG', optimize=True)
     return stream.getvalue()
+
+
+def palette() -> npt.NDArray[np.uint8]:
+    """The colours (256, 3) of our pictures: cividis, greys, the two theories' lines."""
+    bar = np.round(colormaps['cividis'](np.linspace(0, 1, 190))[:, :3] * 255)
+    grey = np.repeat(np.linspace(0, 255, 52)[:, None], 3, axis=1)
+    lines = [[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in (NONLINEAR, LINEAR)]
+    light = [np.add(255 * (1 - share), np.multiply(share, c)) for c in lines for share in SHADES]
+    return np.concatenate([bar, grey, lines, light]).astype(np.uint8)
+
+
+def indexed(pixels: npt.NDArray[np.uint8]) -> Image.Image:
+    """Pixels (h, w, 3) as an image of the palette's nearest colours, without dithering."""
+    table = palette()
+    colours, where = np.unique(pixels.reshape(-1, 3), axis=0, return_inverse=True)
+    nearest = cKDTree(table.astype(float)).query(colours)[1].astype(np.uint8)
+    image = Image.fromarray(nearest[where.ravel()].reshape(pixels.shape[:2]))
+    image.putpalette(table.tobytes())
+    return image
 
 
 def svg(figure: Figure) -> str:
@@ -63,8 +96,11 @@ def svg(figure: Figure) -> str:
 def _surface(
     axes: Axes, camera: Camera, scene: RowScene, vertices: Floats, values: Floats, scale: Normalize
 ) -> None:
-    order = painter_order(camera, vertices, scene.triangles)
-    triangles = scene.triangles[order]
+    # The inner side shows only where an object is open: a closed one hides it.
+    triangles = scene.triangles
+    if is_closed(triangles):
+        triangles = triangles[faces_viewer(camera, vertices, triangles)]
+    triangles = triangles[painter_order(camera, vertices, triangles)]
     outside = faces_viewer(camera, vertices, triangles)
     flat, _ = camera.project(vertices)
     corner = values[triangles]
@@ -199,7 +235,7 @@ def profile(scene: RowScene) -> Figure:
     section = dent_section(scene)
     figure = _figure(5.2, 3.6)
     axes = figure.add_axes((0.13, 0.15, 0.84, 0.73))
-    scan = section.scan * MILLI
+    scan = thinned(section.scan, PROFILE_POINTS) * MILLI
     axes.scatter(
         scan[:, 0], scan[:, 1], s=3, color='black', linewidths=0, label=f'scan ({scene.kind})'
     )

@@ -40,6 +40,11 @@ def _floats(values: npt.ArrayLike, columns: int, where: str) -> Floats:
     return array
 
 
+def thinned(points: Floats, count: int) -> Floats:
+    """Every k-th of the points, so that at most `count` remain: the same ones at every call."""
+    return points if len(points) <= count else points[:: -(-len(points) // count)]
+
+
 @dataclass(frozen=True)
 class RowScene:
     """One row of the table as shapes.

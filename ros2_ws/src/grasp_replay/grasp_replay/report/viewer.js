@@ -105,7 +105,17 @@
         ([name, text]) => [name, buffer(g.ARRAY_BUFFER, bytes(text))]));
       const scalar = (group) => Object.fromEntries(Object.entries(d[group]).map(
         ([name, text]) => [name, buffer(g.ARRAY_BUFFER, bytes(text))]));
-      const triangles = many(d.triangles), edges = many(d.edges), scan = bytes(d.scan);
+      const triangles = many(d.triangles), scan = bytes(d.scan);
+      const seen = new Set(), pairs = [];
+      for (let k = 0; k < triangles.length; k += 3) {
+        for (const [i, j] of [[0, 1], [1, 2], [2, 0]]) {
+          const a = Math.min(triangles[k + i], triangles[k + j]);
+          const b = Math.max(triangles[k + i], triangles[k + j]);
+          const name = a * 4294967296 + b;
+          if (!seen.has(name)) { seen.add(name); pairs.push(a, b); }
+        }
+      }
+      const edges = wide ? new Uint32Array(pairs) : new Uint16Array(pairs);
       this.buffers = {
         positions, error: scalar('error'), displacement: scalar('displacement'),
         scan: buffer(g.ARRAY_BUFFER, scan), scanCount: scan.length / 6,

@@ -14,11 +14,11 @@ from matplotlib import colormaps
 
 from .camera import dent_camera
 from .errors import seen_radius, vertex_errors
-from .scene import Floats, RowScene
+from .scene import Floats, RowScene, thinned
 
 NOT_SEEN = 255
 TOP_STEP = 254
-SCAN_POINTS = 6000
+SCAN_POINTS = 4000
 
 
 def _text(values: np.ndarray) -> str:
@@ -34,11 +34,6 @@ def colour_table() -> str:
     """256 x RGB bytes in base64: cividis, then light grey for `not seen`."""
     table = np.round(colormaps['cividis'](np.linspace(0.0, 1.0, 255))[:, :3] * 255)
     return _text(np.vstack([table, [204, 204, 204]]).astype(np.uint8))
-
-
-def thinned(points: Floats, count: int) -> Floats:
-    """Every k-th of the points, so that at most `count` remain: the same ones at every call."""
-    return points if len(points) <= count else points[:: -(-len(points) // count)]
 
 
 def displacement_top(scene: RowScene) -> float:
@@ -64,12 +59,6 @@ def pack(scene: RowScene, error_top_m: float) -> dict[str, Any]:
     radius = seen_radius(scene)
     top = displacement_top(scene)
     corners = scene.triangles
-    edges = np.unique(
-        np.sort(
-            np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1
-        ),
-        axis=0,
-    )
     index = '<u2' if len(scene.rest) < 65536 else '<u4'
     return {
         'key': scene.key,
@@ -78,7 +67,6 @@ def pack(scene: RowScene, error_top_m: float) -> dict[str, Any]:
         'displacementTop': top,
         'index': 2 if index == '<u2' else 4,
         'triangles': _text(corners.astype(index)),
-        'edges': _text(edges.astype(index)),
         'shapes': {name: place(shape) for name, shape in shapes.items()},
         'error': {
             name: _text(

@@ -189,8 +189,19 @@ def test_a_control_mesh_from_a_file_is_taken_as_it_is(tmp_path):
     thing = shell(MeshFile(tmp_path / 'ball.ply', 'mm', 'control'))
     mesh = object_mesh(thing)
     np.testing.assert_allclose(mesh.vertices, ball.vertices / 1000, atol=1e-8)
-    with pytest.raises(ObjectError, match='make a control mesh of it with `object_prepare`'):
-        object_mesh(shell(MeshFile(tmp_path / 'ball.ply', 'mm', 'outer')))
+    walls = ShellObject('test', thing.surface, 1e-3, 1e6, 0.3, vertex_thickness_m=np.full(5, 1e-3))
+    with pytest.raises(ObjectError, match='thickness_m lists 5 values; .* has 162 vertices'):
+        object_mesh(walls)
+
+
+def test_a_scanned_face_from_a_file_is_fitted(tmp_path):
+    pytest.importorskip('fast_simplification')
+    trimesh.creation.icosphere(5, 32.5).export(tmp_path / 'ball.stl')
+    thing = shell(MeshFile(tmp_path / 'ball.stl', 'mm', 'outer'), 0.0025)
+    mesh = object_mesh(thing, 400)
+    assert abs(mesh.vertex_count / 400 - 1) < 0.1
+    limit = LimitSurface(mesh).limit_positions(mesh.vertices)
+    np.testing.assert_allclose(np.linalg.norm(limit, axis=1), 0.03125, atol=2e-5)
 
 
 def test_profiles_that_no_wall_can_follow_are_refused():

@@ -40,18 +40,12 @@ def read_triangles(
     return np.asarray(mesh.vertices) * UNIT_M[unit], np.asarray(mesh.faces, dtype=np.int64)
 
 
-def file_mesh(name: str, surface: MeshFile) -> ControlMesh:
+def control_file(name: str, surface: MeshFile) -> ControlMesh:
     """The control mesh that a file holds.
 
     Raises:
-        ObjectError: the file shows a face of the wall instead, or no mesh that can carry a
-            surface.
+        ObjectError: the file holds no mesh that can carry a surface.
     """
-    if surface.face != 'control':
-        raise ObjectError(
-            f'{name}: {surface.file} shows the {surface.face} face; make a control mesh of it '
-            'with `object_prepare`'
-        )
     # A control mesh keeps its numbering, unless its format has none.
     merge = surface.file.suffix.lower() == '.stl'
     vertices, triangles = read_triangles(surface.file, surface.unit, merge=merge)

@@ -8,8 +8,9 @@ import numpy.typing as npt
 from ..surface.control_mesh import ControlMesh, control_mesh
 from ..surface.fit import FitReport, Target, fit_limit_surface, fit_report, interpolating
 from .drawn import drawn_together
-from .file_mesh import LimitTarget, file_mesh
+from .file_mesh import LimitTarget, control_file, read_triangles
 from .grid_mesh import HalfCylinderTarget, HeightFieldTarget, grid, read_heights
+from .prepare import prepare
 from .profile import Piece, RevolvedTarget, middle_profile
 from .revolved_mesh import revolved_mesh
 from .round_mesh import graded_sphere, turned_to
@@ -65,7 +66,7 @@ def object_mesh(
     places, radius = _refinement(shell, refine_at, refine_radius)
     surface = shell.surface
     if isinstance(surface, MeshFile):
-        return file_mesh(shell.name, surface)
+        return _from_file(shell, surface, count, places, radius)
     target = middle_surface(shell)
     if isinstance(surface, Sphere | Ellipsoid):
         mesh, places = _round(surface, 0.5 * shell.thickness_m, count, places, radius)
@@ -83,7 +84,10 @@ def object_mesh(
 
 
 def middle_surface(shell: ShellObject) -> Target:
-    """The exact middle surface: half the thickness inside the outer face."""
+    """The middle surface, half the thickness inside the outer face.
+
+    Exact for primitives; of a mesh file it is the limit surface of its control mesh.
+    """
     surface, depth = shell.surface, 0.5 * shell.thickness_m
     if isinstance(surface, Sphere):
         return SphereTarget(0.5 * surface.outer_diameter_m - depth)
@@ -94,7 +98,9 @@ def middle_surface(shell: ShellObject) -> Target:
     if isinstance(surface, HeightField):
         return HeightFieldTarget(read_heights(surface.file), surface.spacing_m, depth)
     if isinstance(surface, MeshFile):
-        return LimitTarget(file_mesh(shell.name, surface))
+        places, radius = _refinement(shell, None, None)
+        mesh = _from_file(shell, surface, shell.control_vertices, places, radius)
+        return LimitTarget(mesh)
     return RevolvedTarget(meridian(shell))
 
 
@@ -138,6 +144,34 @@ def _refinement(
     if not radius > 0.0:
         raise ObjectError(f'{shell.name}: refine_radius is {radius}; it must be above 0')
     return places, float(radius)
+
+
+def _from_file(
+    shell: ShellObject, surface: MeshFile, count: int, places: FloatArray, radius: float
+) -> ControlMesh:
+    """The control mesh in a file, or one fitted to the face that the file shows."""
+    if surface.face != 'control':
+        vertices, triangles = read_triangles(surface.file, surface.unit)
+        try:
+            return prepare(
+                vertices,
+                triangles,
+                shell.thickness_m,
+                face=surface.face,
+                control_vertices=count,
+                refine_at=places,
+                refine_edge=EDGES_PER_RADIUS * radius,
+            ).fit.mesh
+        except ObjectError as error:
+            raise ObjectError(f'{shell.name}: {surface.file}: {error}') from error
+    mesh = control_file(shell.name, surface)
+    walls = shell.vertex_thickness_m
+    if walls is not None and len(walls) != mesh.vertex_count:
+        raise ObjectError(
+            f'{shell.name}: thickness_m lists {len(walls)} values; {surface.file} has '
+            f'{mesh.vertex_count} vertices'
+        )
+    return mesh
 
 
 def _round(

@@ -16,7 +16,8 @@ from barrett_hand_bridge.hand import FINGERS, Hand, HandFacts
 from barrett_hand_bridge.kinematics import HandGeometry, Pin
 from barrett_hand_bridge.motion import CloseSettings
 from barrett_hand_bridge.observer import HandObserver, ObserverSettings
-from barrett_hand_bridge.puck.driver import CanHand, open_bus
+from barrett_hand_bridge.puck.bus import open_bus
+from barrett_hand_bridge.puck.driver import CanHand
 from barrett_hand_bridge.stop_guard import guard_can, guard_serial
 from barrett_hand_bridge.zero import DRIFT_8_BIT, DRIFT_12_BIT
 

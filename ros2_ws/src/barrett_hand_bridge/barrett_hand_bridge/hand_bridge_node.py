@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from collections import deque
@@ -11,30 +10,20 @@ from concurrent.futures import Future
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
-from sensor_msgs.msg import JointState, PointCloud2
-from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from barrett_hand_bridge import assembly, messages, parameters
 from barrett_hand_bridge.arm_pose_node import ArmPose
 from barrett_hand_bridge.calibration import CalibrationError, HandCalibration
-from barrett_hand_bridge.contacts import FLAG_STALE
 from barrett_hand_bridge.hand import FINGERS, HandError, HandFacts, HandSample
+from barrett_hand_bridge.hand_topics_node import HandTopics
 from barrett_hand_bridge.health import Health, LinkState
 from barrett_hand_bridge.kinematics import Array
 from barrett_hand_bridge.motion import Closing, Following, MotionError, Opening
@@ -53,7 +42,6 @@ from barrett_hand_bridge.worker import (
     Outcome,
 )
 
-STREAM = QoSProfile(depth=100)
 PAUSE_S = 0.0005
 
 
@@ -71,21 +59,21 @@ class HandBridge(LifecycleNode):
         """Declare parameters; nothing is opened before `configure`."""
         super().__init__('hand_bridge')
         for parameter in parameters.PARAMETERS:
-            self.declare_parameter(parameter.name, parameter.default, _descriptor(parameter))
+            self.declare_parameter(
+                parameter.name, parameter.default, messages.parameter_descriptor(parameter)
+            )
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.failure: str | None = None
         self._worker: HandWorker | None = None
         self._emulator: OwnEmulator | None = None
         self._calibration: HandCalibration | None = None
-        self._events: deque[tuple[int, Event]] = deque(maxlen=2000)
+        self._events: deque[Event] = deque(maxlen=2000)
         self._guard = self.create_guard_condition(self._on_events)
         self._latest: Observation | None = None
         self._sample: HandSample | None = None
         self._health = Health()
         self._arm: ArmPose | None = None
         self._active = False
-        self._states_ns = 0
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
 
     def values(self) -> dict[str, Any]:
         """All parameter values by name, arrays as lists."""
@@ -127,22 +115,9 @@ class HandBridge(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _make_interfaces(self) -> None:
-        self._contacts = self.create_lifecycle_publisher(PointCloud2, 'hand/contacts', STREAM)
-        self._joints = self.create_lifecycle_publisher(JointState, 'hand/joint_states', STREAM)
-        self._wrenches = {
-            finger: self.create_lifecycle_publisher(
-                WrenchStamped, f'hand/finger_{finger}/wrench', STREAM
-            )
-            for finger in FINGERS
-        }
-        self._counts = {
-            finger: self.create_lifecycle_publisher(
-                Float64, f'hand/finger_{finger}/gauge_counts', STREAM
-            )
-            for finger in FINGERS
-        }
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self._diagnostics_timer = self.create_timer(1.0, self._on_diagnostics, clock=self._steady)
+        self._topics = HandTopics(self, self._values)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._diagnostics_timer = self.create_timer(1.0, self._on_diagnostics, clock=steady)
         services: dict[str, Callable[[], Awaitable[Outcome]]] = {
             'tare': lambda: self._ask('tare'),
             'initialize': lambda: self._ask('initialize'),
@@ -152,7 +127,7 @@ class HandBridge(LifecycleNode):
         }
         # A waiting service holds its callback group: reentrant, or it would block everything else.
         group = ReentrantCallbackGroup()
-        self._services = [
+        self._hand_services = [
             self.create_service(Trigger, f'hand/{name}', _trigger(action), callback_group=group)
             for name, action in services.items()
         ]
@@ -163,7 +138,11 @@ class HandBridge(LifecycleNode):
             self._arm = ArmPose(self, self._values, self._on_gravity)
         self._poll_timer = None
         if self._values['poll_period'] > 0.0:
-            self._poll_timer = self.create_timer(self._values['poll_period'], self._on_poll)
+            self._poll_timer = self.create_timer(self._values['poll_period'], self._tick)
+
+    def _tick(self) -> None:
+        if self._worker is not None:
+            self._worker.tick()
 
     def _on_gravity(self, direction: Array) -> None:
         if self._worker is not None and self._worker.observer is not None:
@@ -184,15 +163,8 @@ class HandBridge(LifecycleNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let go of the hand and of all topics."""
         self._release()
-        for publisher in (
-            self._contacts,
-            self._joints,
-            *self._wrenches.values(),
-            *self._counts.values(),
-            self._diagnostics,
-        ):
-            self.destroy_publisher(publisher)
-        for service in self._services:
+        self._topics.end()
+        for service in self._hand_services:
             self.destroy_service(service)
         self.destroy_subscription(self._trajectories)
         arm, self._arm = self._arm, None
@@ -251,14 +223,14 @@ class HandBridge(LifecycleNode):
 
     # Events come from the worker's thread; the guard condition brings them into the executor.
     def _tell(self, event: Event) -> None:
-        self._events.append((time.monotonic_ns(), event))
+        self._events.append(event)
         self._guard.trigger()
 
     def _on_events(self) -> None:
         while self._events:
-            received_ns, event = self._events.popleft()
+            event = self._events.popleft()
             if isinstance(event, Observed):
-                self._on_observed(event, received_ns)
+                self._on_observed(event)
             elif isinstance(event, Late):
                 self._health.lates += 1
                 self._on_stale()
@@ -315,55 +287,20 @@ class HandBridge(LifecycleNode):
             self.get_logger().warning(reason)
         health.state, health.reason = state, reason
 
-    def _on_observed(self, event: Observed, received_ns: int) -> None:
-        observation = event.observation
-        self._latest, self._sample = observation, event.sample
+    def _on_observed(self, event: Observed) -> None:
+        self._latest, self._sample = event.observation, event.sample
         self._set_state(LinkState.CYCLING, '')
-        self._health.rate.count(received_ns * 1e-9)
+        self._health.rate.count(event.complete_ns * 1e-9)
         if not self._active:
             return
-        stamp = observation.stamp_ns
-        readings = observation.fingers
-        contacts = [readings[finger].contact for finger in FINGERS]
-        contacts += observation.cells
-        self._contacts.publish(
-            messages.contacts_message(contacts, stamp, self._values['hand_frame'])
-        )
-        self._health.delays.add((time.monotonic_ns() - received_ns) * 1e-9)
-        if (
-            stamp - self._states_ns < 0.95e9 / self._values['state_rate']
-            and stamp > self._states_ns
-        ):
-            return
-        self._states_ns = stamp
-        torques = {finger: readings[finger].torque_nm for finger in FINGERS}
-        self._joints.publish(
-            messages.joint_states_message(
-                observation.angles, torques, self._values['joint_names'], stamp
-            )
-        )
-        for index, finger in enumerate(FINGERS):
-            reading = readings[finger]
-            self._wrenches[finger].publish(
-                messages.wrench_message(reading, stamp, self._values['tip_frames'][index])
-            )
-            counts = math.nan if reading.gauge_counts is None else reading.gauge_counts
-            self._counts[finger].publish(messages.number_message(counts))
+        self._topics.contacts(event.observation)
+        self._health.delays.add((time.monotonic_ns() - event.complete_ns) * 1e-9)
+        self._topics.states(event.observation)
 
     def _on_stale(self) -> None:
         """Say at once that the last contacts are no longer true."""
-        if self._latest is None or not self._active:
-            return
-        contacts = [self._latest.fingers[finger].contact for finger in FINGERS]
-        self._contacts.publish(
-            messages.contacts_message(
-                contacts, self._now_ns(), self._values['hand_frame'], FLAG_STALE
-            )
-        )
-
-    def _on_poll(self) -> None:
-        if self._worker is not None:
-            self._worker.tick()
+        if self._latest is not None and self._active:
+            self._topics.stale(self._latest, self._now_ns())
 
     async def _finish(self, future: Future[Outcome]) -> Outcome:
         while not future.done():
@@ -375,6 +312,8 @@ class HandBridge(LifecycleNode):
     async def _ask(self, kind: str, motion: Any = None) -> Outcome:
         if self._worker is None:
             return Outcome(False, 'the bridge is not configured')
+        if kind == 'move' and not self._active:
+            return Outcome(False, 'the bridge is not active: nothing moves')
         outcome = await self._finish(self._worker.submit(kind, motion))
         if kind in ('move', 'initialize', 'stop'):
             self._health.last_motion = outcome.message
@@ -414,13 +353,7 @@ class HandBridge(LifecycleNode):
         observer = None if self._worker is None else self._worker.observer
         level, text = health.judge(self._latest, self._sample)
         values = health.values(self._latest, self._sample, observer, time.monotonic())
-        facts = health.facts
-        hardware = 'no hand yet' if facts is None else f'{facts.model} {facts.serial_number}'
-        self._diagnostics.publish(
-            messages.diagnostics_message(
-                level, 'hand_bridge: hand', text, hardware, values, self._now_ns()
-            )
-        )
+        self._topics.diagnostics(level, text, values, health.facts, self._now_ns())
 
 
 def _trigger(
@@ -433,20 +366,6 @@ def _trigger(
         return response
 
     return answer
-
-
-def _descriptor(parameter: parameters.Parameter) -> ParameterDescriptor:
-    descriptor = ParameterDescriptor(description=parameter.description)
-    low, high = parameter.lowest, parameter.highest
-    # Arrays may not carry ranges in rclpy; `parameters.check` holds for them.
-    if low is not None and high is not None and not isinstance(parameter.default, list):
-        if isinstance(parameter.default, int):
-            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
-        else:
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=float(low), to_value=float(high))
-            ]
-    return descriptor
 
 
 def main(arguments: list[str] | None = None) -> int:

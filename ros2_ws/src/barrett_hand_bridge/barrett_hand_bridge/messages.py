@@ -10,6 +10,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, WrenchStamped
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from sensor_msgs.msg import JointState, PointCloud2, PointField
 from std_msgs.msg import Float64, Header
 from trajectory_msgs.msg import JointTrajectory
@@ -20,6 +21,7 @@ from barrett_hand_bridge.health import Level
 from barrett_hand_bridge.kinematics import Array, JointAngles, cross
 from barrett_hand_bridge.motion import MotionError, TrajectoryPoint
 from barrett_hand_bridge.observer import FingerReading
+from barrett_hand_bridge.parameters import Parameter
 
 CONTACT_TYPE = np.dtype(
     [
@@ -211,3 +213,18 @@ def diagnostics_message(
         values=[KeyValue(key=key, value=value) for key, value in values.items()],
     )
     return DiagnosticArray(header=header(stamp_ns, ''), status=[status])
+
+
+def parameter_descriptor(parameter: Parameter) -> ParameterDescriptor:
+    """Description and range of a parameter; arrays carry none, `parameters.check` holds them."""
+    descriptor = ParameterDescriptor(description=parameter.description)
+    low, high = parameter.lowest, parameter.highest
+    if low is None or high is None or isinstance(parameter.default, list):
+        return descriptor
+    if isinstance(parameter.default, int):
+        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+    else:
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=float(low), to_value=float(high))
+        ]
+    return descriptor

@@ -18,6 +18,9 @@ from barrett_hand_bridge.observer import Observation
 FINGER_TRAVEL_RAD = math.radians(140.0)
 AT_REST_RAD = math.radians(0.05)
 STALL_S = 1.0
+LIMIT_OVER_FORCE = 1.15
+# What the weight of an outer link can add to its gauge.
+WEIGHT_NM = 0.03
 
 
 class MotionError(ValueError):
@@ -37,6 +40,9 @@ class Motion(Protocol):
 
     def step(self, observation: Observation, time_s: float) -> Mapping[int, float] | MotionResult:
         """Velocities in rad/s by motor for the next cycle, or how it ended."""
+
+    def limit_nm(self, observation: Observation) -> float:
+        """Gauge torque at which the hand itself should stop closing, whatever we say."""
 
 
 def joint_position(observation: Observation, motor: int) -> float:
@@ -85,6 +91,10 @@ class Opening:
             names = ', '.join(str(finger) for finger in closed)
             return MotionResult(False, f'finger {names} does not open further')
         return dict.fromkeys(closed, -self._speed)
+
+    def limit_nm(self, observation: Observation) -> float:
+        """See `Motion`: opening needs none of its own."""
+        return math.inf
 
 
 @dataclass(frozen=True)
@@ -144,6 +154,11 @@ class Closing:
                 False, f'finger {names} does not close further, {s.force_n:g} N not reached'
             )
         return dict.fromkeys(left, s.squeeze_rad_s if touching else s.approach_rad_s)
+
+    def limit_nm(self, observation: Observation) -> float:
+        """See `Motion`: a little above the wanted force, should this process be late."""
+        arm = max(observation.fingers[finger].arm_m for finger in self._fingers)
+        return LIMIT_OVER_FORCE * self._settings.force_n * max(arm, 0.0) + WEIGHT_NM
 
 
 @dataclass(frozen=True)
@@ -219,6 +234,10 @@ class Following:
             )
             for motor in self._motors
         }
+
+    def limit_nm(self, observation: Observation) -> float:
+        """See `Motion`."""
+        return self._torque_limit
 
     def _fastest_start(self, position: Mapping[int, float]) -> str | None:
         first = self._points[0]

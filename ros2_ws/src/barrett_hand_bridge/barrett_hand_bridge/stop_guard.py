@@ -56,7 +56,8 @@ def main(arguments: list[str]) -> int:
     if arguments[0] == 'serial':
         os.write(int(arguments[1]), STOP_SERIAL)
         return 0
-    from barrett_hand_bridge.puck.driver import CanHand, open_bus
+    from barrett_hand_bridge.puck.bus import open_bus
+    from barrett_hand_bridge.puck.driver import CanHand
 
     _, interface, channel, port = arguments
     CanHand.stop_all(open_bus(interface, channel, int(port)))

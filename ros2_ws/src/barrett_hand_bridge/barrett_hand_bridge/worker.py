@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import queue
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -39,10 +40,11 @@ class Connected:
 
 @dataclass(frozen=True)
 class Observed:
-    """One cycle, digested."""
+    """One cycle, digested; `complete_ns`: monotonic time at which its last byte was read."""
 
     observation: Observation
     sample: HandSample
+    complete_ns: int
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ class HandWorker:
     ) -> None:
         """With `paced_by_ticks` each cycle waits for a call of `tick`; otherwise it runs free.
 
-        `strain_limit_nm` is set as the hand's own strain limit before every motion that closes.
+        `strain_limit_nm`, or a motion's own lower limit, is set in the hand before every motion.
         """
         self._hand = hand
         self._make_observer = make_observer
@@ -204,6 +206,7 @@ class HandWorker:
             self._stop_motion.clear()
         try:
             sample = self._hand.sample(self._velocities())
+            complete_ns = time.monotonic_ns()
         except HandNotInitialisedError as error:
             self._end_motion(False, str(error))
             self._tell(NotReady(str(error)))
@@ -215,7 +218,7 @@ class HandWorker:
         self._failures = 0
         assert self._observer is not None
         self._latest = self._observer.observe(sample)
-        self._tell(Observed(self._latest, sample))
+        self._tell(Observed(self._latest, sample, complete_ns))
         self._collect_tare(sample)
 
     def _velocities(self) -> dict[int, float] | None:
@@ -299,7 +302,9 @@ class HandWorker:
             command.future.set_result(Outcome(False, 'the hand does not cycle: initialise it'))
             return
         assert self._observer is not None
-        self._hand.limit_force(self._observer.strain_limits(self._strain_limit_nm))
+        assert command.motion is not None
+        limit_nm = min(self._strain_limit_nm, command.motion.limit_nm(self._latest))
+        self._hand.limit_force(self._observer.strain_limits(limit_nm))
         self._motion = command
 
     def _end_motion(self, success: bool, message: str) -> None:

@@ -11,7 +11,8 @@ from barrett_hand_bridge.emulator.faults import Fault
 from barrett_hand_bridge.emulator.mechanics import SCALE_280, HandBody, HandMechanics
 from barrett_hand_bridge.hand import HandError, HandNotInitialisedError
 from barrett_hand_bridge.puck import driver
-from barrett_hand_bridge.puck.driver import CanHand, open_bus
+from barrett_hand_bridge.puck.bus import open_bus
+from barrett_hand_bridge.puck.driver import CanHand
 
 channels = (f'hand_{number}' for number in itertools.count())
 

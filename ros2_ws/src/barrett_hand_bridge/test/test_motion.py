@@ -77,6 +77,13 @@ def test_closing_needs_a_tared_gauge():
     assert 'hand/tare' in result.message
 
 
+def test_closing_lets_the_hand_stop_itself_a_little_above_the_force():
+    observation = state()
+    arm = observation.fingers[1].arm_m
+    limit = Closing((1,), SETTINGS).limit_nm(observation)
+    assert 5.0 * arm < limit < 1.5 * 5.0 * arm
+
+
 def test_closing_on_nothing_ends_at_the_end_of_travel():
     result = Closing((1,), SETTINGS).step(state(140.0), 0.0)
     assert isinstance(result, MotionResult) and not result.done

@@ -11,7 +11,8 @@ import pytest
 
 from barrett_hand_bridge.gcl.driver import SerialHand, open_port
 from barrett_hand_bridge.hand import HandError, HandNotInitialisedError
-from barrett_hand_bridge.puck.driver import CanHand, open_bus
+from barrett_hand_bridge.puck.bus import open_bus
+from barrett_hand_bridge.puck.driver import CanHand
 from barrett_hand_bridge.stop_guard import guard_serial
 
 GROUP = '239.74.163.2'

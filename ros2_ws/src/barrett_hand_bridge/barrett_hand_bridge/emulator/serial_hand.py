@@ -18,8 +18,22 @@ from barrett_hand_bridge.emulator.serial_parameters import (
     GLOBAL_PARAMETERS,
     MOTOR_PARAMETERS,
     MOTORS,
-    Limits,
     ParameterStore,
+)
+from barrett_hand_bridge.emulator.serial_readings import motor_value
+from barrett_hand_bridge.emulator.serial_status import (
+    INTERRUPTED,
+    INVALID_VALUE,
+    NOT_INITIALISED,
+    OVER_TEMPERATURE,
+    POSITION_NOT_REACHED,
+    PREFIX_NOT_ALLOWED,
+    TOO_MANY_ARGUMENTS,
+    UNKNOWN_COMMAND,
+    UNKNOWN_PARAMETER,
+    RefusedError,
+    check_value,
+    name_value_pairs,
 )
 
 PROMPT = b'=> '
@@ -27,27 +41,7 @@ LINE_END = b'\n\r'
 CARRIAGE_RETURN = 0x0D
 CONTROL_C = 0x03
 
-NOT_INITIALISED = 4
-POSITION_NOT_REACHED = 16
-UNKNOWN_COMMAND = 32
-UNKNOWN_PARAMETER = 64
-INVALID_VALUE = 128
-READ_ONLY = 256
-TOO_MANY_ARGUMENTS = 1024
-PREFIX_NOT_ALLOWED = 4096
-OVER_TEMPERATURE = 8192
-INTERRUPTED = 16384
-
 MOTIONS = ('HI', 'HOME', 'C', 'O', 'M', 'IC', 'IO', 'TC', 'TO')
-
-
-class RefusedError(Exception):
-    """A command the hand refuses, with its status sum."""
-
-    def __init__(self, status: int) -> None:
-        """Keep the status sum."""
-        super().__init__(status)
-        self.status = status
 
 
 class SerialHand:
@@ -254,29 +248,13 @@ class SerialHand:
             name = ALIASES.get(word, word)
             if name not in MOTOR_PARAMETERS:
                 raise RefusedError(UNKNOWN_PARAMETER)
-            values += [self._motor_value(motor, name) for motor in self._motors(prefix)]
+            values += [motor_value(self, motor, name) for motor in self._motors(prefix)]
         return values
 
-    def _motor_value(self, motor: int, name: str) -> int:
-        broken_at = self.mechanics.breakaway_counts.get(motor)
-        if name == 'P':
-            return self.mechanics.encoder_counts(motor)
-        if name == 'SG':
-            return self.strain(motor)
-        if name == 'S':
-            return self.status[motor]
-        if name == 'BD':
-            return int(broken_at is not None)
-        if name == 'BP':
-            return 0 if broken_at is None else int(broken_at)
-        if name == 'OD':
-            return int(self.mechanics.motors[motor].position / 1000)
-        return self.parameters.motor[motor][name]
-
     def _set_motor(self, prefix: str, words: list[str]) -> list[int | str]:
-        for name, value in _pairs(words):
+        for name, value in name_value_pairs(words):
             name = ALIASES.get(name, name)
-            _check(MOTOR_PARAMETERS.get(name), value)
+            check_value(MOTOR_PARAMETERS.get(name), value)
             for motor in self._motors(prefix):
                 self.parameters.motor[motor][name] = value
         return []
@@ -296,8 +274,8 @@ class SerialHand:
         return values
 
     def _set_global(self, prefix: str, words: list[str]) -> list[int | str]:
-        for name, value in _pairs(words):
-            _check(GLOBAL_PARAMETERS.get(name), value)
+        for name, value in name_value_pairs(words):
+            check_value(GLOBAL_PARAMETERS.get(name), value)
             if name == 'BAUD' and value not in BAUD_CODES:
                 raise RefusedError(INVALID_VALUE)
             self.parameters.hand[name] = value
@@ -419,23 +397,3 @@ class SerialHand:
         self._stop_motors()
         self.loop = None
         self._answer(status)
-
-
-def _pairs(words: list[str]) -> list[tuple[str, int]]:
-    if len(words) % 2:
-        raise RefusedError(INVALID_VALUE)
-    pairs = []
-    for name, text in zip(words[::2], words[1::2], strict=True):
-        if not re.fullmatch(r'-?\d{1,10}', text):
-            raise RefusedError(INVALID_VALUE)
-        pairs.append((name, int(text)))
-    return pairs
-
-
-def _check(limits: Limits | None, value: int) -> None:
-    if limits is None:
-        raise RefusedError(UNKNOWN_PARAMETER)
-    if limits.read_only:
-        raise RefusedError(READ_ONLY)
-    if not limits.lowest <= value <= limits.highest:
-        raise RefusedError(INVALID_VALUE)

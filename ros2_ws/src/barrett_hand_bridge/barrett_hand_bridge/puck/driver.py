@@ -6,7 +6,6 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 
 import can
 
@@ -22,29 +21,20 @@ from barrett_hand_bridge.hand import (
 )
 from barrett_hand_bridge.puck import properties
 from barrett_hand_bridge.puck.frames import (
-    CELLS,
-    FULL_FRAMES,
-    GROUP_FULL,
     GROUP_HAND,
-    GROUP_POSITION,
     GROUP_PROPERTY,
-    GROUP_TOP_10,
     HOST,
-    MOTORS,
     NODES,
     Frame,
     FrameError,
     decode_address,
-    decode_full_frame,
-    decode_position,
     decode_property,
-    decode_top_10,
     get_frame,
     set_frame,
 )
+from barrett_hand_bridge.puck.replies import MOTORS_ALL, Cycle, ReplyReader
 
 INNER_RAD_PER_COUNT = 2.0 * math.pi / 4096 / 50.0
-MOTORS_ALL = (*FINGERS, SPREAD)
 REPLY_S = 0.1
 WAKE_SILENCE_S = 1.0
 FINGERS_TIMEOUT_S = 6.0
@@ -53,52 +43,8 @@ REFRESH_CYCLES = 25
 PATIENCE_S = 1.0
 # Under three periods of the 500 cycles per second that this driver promises.
 LATE_S = 0.0055
-HIGHEST_FINGER_COUNTS = 215_000
-HIGHEST_SPREAD_COUNTS = 40_000
 # Two group requests, four gauge and four position replies: 47 bits and 8 per byte at 1 Mbit/s.
 CYCLE_WIRE_S = 806e-6
-
-
-@dataclass
-class _Cycle:
-    """Replies of one cycle as they come in."""
-
-    gauges: dict[int, int] = field(default_factory=dict)
-    positions: dict[int, tuple[int, int | None]] = field(default_factory=dict)
-
-    def complete(self) -> bool:
-        return len(self.positions) == 4 and all(finger in self.gauges for finger in FINGERS)
-
-    def missing(self) -> str:
-        lost = [
-            'spread' if motor == SPREAD else f'finger {motor}'
-            for motor in MOTORS_ALL
-            if motor not in self.positions or (motor != SPREAD and motor not in self.gauges)
-        ]
-        return ', '.join(lost)
-
-
-def open_bus(interface: str, channel: str, port: int = 43113) -> can.BusABC:
-    """Open a bus by any interface that python-can knows, at 1 Mbit/s where it has a speed.
-
-    Raises:
-        HandError: it cannot be opened.
-    """
-    options: dict[str, object] = {'interface': interface, 'channel': channel}
-    if interface == 'udp_multicast':
-        # One group and port per hand; no hop: nothing leaves this machine.
-        options |= {'port': port, 'hop_limit': 0}
-    elif interface == 'slcan':
-        options |= {'bitrate': 1_000_000, 'sleep_after_open': 0.1}
-    elif interface not in ('socketcan', 'virtual'):
-        options['bitrate'] = 1_000_000
-    try:
-        return can.Bus(**options)  # type: ignore[arg-type]
-    except Exception as error:
-        # Every interface of python-can fails in its own way.
-        raise HandError(
-            f'CAN channel {channel!r} of interface {interface!r} cannot be opened ({error})'
-        ) from error
 
 
 class CanHand:
@@ -134,8 +80,7 @@ class CanHand:
         self._cycle_count = 0
         self._sent: dict[int, int] = {}
         self._gauge_fitted: dict[int, bool] = dict.fromkeys(FINGERS, True)
-        self._full: dict[int, dict[int, tuple[float, ...]]] = {}
-        self._pressures: dict[int, tuple[float, ...]] = {}
+        self._replies = ReplyReader()
         self.strange_frames = 0
 
     def _number(self, name: str) -> int:
@@ -308,7 +253,7 @@ class CanHand:
         if not self._asked:
             self._request(velocities)
         self._asked = False
-        cycle = _Cycle()
+        cycle = Cycle()
         stamp_ns = self._gather(cycle, LATE_S)
         if not cycle.complete():
             self.late()
@@ -356,7 +301,7 @@ class CanHand:
                 self._set(NODES[motor], 'V', speed)
                 self._set(NODES[motor], 'MODE', properties.MODE_VELOCITY)
 
-    def _gather(self, cycle: _Cycle, timeout_s: float) -> int:
+    def _gather(self, cycle: Cycle, timeout_s: float) -> int:
         """Collect replies until the cycle is complete; returns the time of the first one."""
         deadline = time.monotonic() + timeout_s
         stamp_ns = 0
@@ -369,42 +314,12 @@ class CanHand:
                 break
             stamp_ns = stamp_ns or self._clock_ns()
             try:
-                self._take(frame, cycle)
+                self._replies.take(frame, cycle, self._number('SG'))
             except FrameError:
                 self.strange_frames += 1
         return stamp_ns
 
-    def _take(self, frame: Frame, cycle: _Cycle) -> None:
-        address = decode_address(frame.identifier)
-        motor = MOTORS.get(address.sender)
-        if motor is None or not address.group:
-            return
-        if address.destination == GROUP_PROPERTY:
-            number, value = decode_property(frame.data)
-            if number == self._number('SG') and motor != SPREAD:
-                if not 0 <= value <= 4095:
-                    raise FrameError(f'gauge reading {value} beyond 12 bits')
-                cycle.gauges[motor] = value
-        elif address.destination == GROUP_POSITION:
-            position, inner = decode_position(frame.data)
-            highest = HIGHEST_SPREAD_COUNTS if motor == SPREAD else HIGHEST_FINGER_COUNTS
-            if not -0.05 * highest <= position <= highest:
-                raise FrameError(f'position {position} beyond the travel of motor {motor}')
-            cycle.positions[motor] = (position, inner)
-        elif address.destination == GROUP_TOP_10:
-            self._pressures[motor] = decode_top_10(frame.data)
-        elif address.destination == GROUP_FULL:
-            part, values = decode_full_frame(frame.data)
-            parts = self._full.setdefault(motor, {})
-            if part == 0:
-                parts.clear()
-            parts[part] = values
-            if len(parts) == FULL_FRAMES:
-                cells = [value for number in range(FULL_FRAMES) for value in parts[number]]
-                self._pressures[motor] = tuple(cells[:CELLS])
-                parts.clear()
-
-    def _sample(self, cycle: _Cycle, stamp_ns: int) -> HandSample:
+    def _sample(self, cycle: Cycle, stamp_ns: int) -> HandSample:
         low, high = properties.SELF_PRESERVATION_COUNTS
         gauges = [cycle.gauges[f] if self._gauge_fitted[f] else None for f in FINGERS]
         inner = [cycle.positions[finger][1] for finger in FINGERS]
@@ -417,7 +332,7 @@ class CanHand:
             gauge_counts=(gauges[0], gauges[1], gauges[2]),
             inner_rad=(angles[0], angles[1], angles[2]),
             relieving=(relieving[0], relieving[1], relieving[2]),
-            tactile_n_per_cm2=dict(self._pressures) if self._pressures else None,
+            tactile_n_per_cm2=self._replies.pressures(),
         )
 
     def limit_force(self, counts: Mapping[int, int | None]) -> None:
@@ -466,7 +381,7 @@ class CanHand:
         if guard is not None:
             guard.dismiss()
         self._sent, self._asked = {}, False
-        self._pressures, self._full = {}, {}
+        self._replies = ReplyReader()
         if bus is not None:
             with contextlib.suppress(Exception):
                 bus.shutdown()

@@ -1,0 +1,108 @@
+"""The publishers of the bridge node: contacts every cycle, everything else at its own rate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import Float64
+
+from barrett_hand_bridge import messages
+from barrett_hand_bridge.contacts import FLAG_STALE
+from barrett_hand_bridge.hand import FINGERS, HandFacts
+from barrett_hand_bridge.health import Level
+from barrett_hand_bridge.observer import Observation
+
+STREAM = QoSProfile(depth=100)
+
+
+class HandTopics:
+    """Publishes observations; silent while the node is inactive, as lifecycle publishers are."""
+
+    def __init__(self, node: LifecycleNode, values: Mapping[str, Any]) -> None:
+        """Make the publishers on `node`."""
+        self._node = node
+        self._values = values
+        self._states_ns = 0
+        make = node.create_lifecycle_publisher
+        self._contacts = make(PointCloud2, 'hand/contacts', STREAM)
+        self._joints = make(JointState, 'hand/joint_states', STREAM)
+        self._wrenches = {
+            finger: make(WrenchStamped, f'hand/finger_{finger}/wrench', STREAM)
+            for finger in FINGERS
+        }
+        self._counts = {
+            finger: make(Float64, f'hand/finger_{finger}/gauge_counts', STREAM)
+            for finger in FINGERS
+        }
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+
+    def end(self) -> None:
+        """Take the publishers away."""
+        for publisher in (
+            self._contacts,
+            self._joints,
+            *self._wrenches.values(),
+            *self._counts.values(),
+            self._diagnostics,
+        ):
+            self._node.destroy_publisher(publisher)
+
+    def contacts(self, observation: Observation) -> None:
+        """One observation's contacts: a pin per finger, then the pressed touch cells."""
+        contacts = [observation.fingers[finger].contact for finger in FINGERS]
+        self._contacts.publish(
+            messages.contacts_message(
+                [*contacts, *observation.cells], observation.stamp_ns, self._values['hand_frame']
+            )
+        )
+
+    def stale(self, observation: Observation, stamp_ns: int) -> None:
+        """The last contacts again, flagged as no longer true."""
+        contacts = [observation.fingers[finger].contact for finger in FINGERS]
+        self._contacts.publish(
+            messages.contacts_message(contacts, stamp_ns, self._values['hand_frame'], FLAG_STALE)
+        )
+
+    def states(self, observation: Observation) -> None:
+        """Joint states, wrenches and counts, not faster than parameter `state_rate`."""
+        stamp = observation.stamp_ns
+        if 0 < stamp - self._states_ns < 0.95e9 / self._values['state_rate']:
+            return
+        self._states_ns = stamp
+        readings = observation.fingers
+        torques = {finger: readings[finger].torque_nm for finger in FINGERS}
+        self._joints.publish(
+            messages.joint_states_message(
+                observation.angles, torques, self._values['joint_names'], stamp
+            )
+        )
+        for index, finger in enumerate(FINGERS):
+            reading = readings[finger]
+            self._wrenches[finger].publish(
+                messages.wrench_message(reading, stamp, self._values['tip_frames'][index])
+            )
+            counts = math.nan if reading.gauge_counts is None else reading.gauge_counts
+            self._counts[finger].publish(messages.number_message(counts))
+
+    def diagnostics(
+        self,
+        level: Level,
+        text: str,
+        values: Mapping[str, str],
+        facts: HandFacts | None,
+        stamp_ns: int,
+    ) -> None:
+        """What /diagnostics says."""
+        hardware = 'no hand yet' if facts is None else f'{facts.model} {facts.serial_number}'
+        self._diagnostics.publish(
+            messages.diagnostics_message(
+                level, 'hand_bridge: hand', text, hardware, values, stamp_ns
+            )
+        )

@@ -1,5 +1,7 @@
 """Parameters: every default passes its own check, every wrong value is named."""
 
+from pathlib import Path
+
 import pytest
 
 from barrett_hand_bridge.parameters import PARAMETERS, ParameterError, check, check_all
@@ -46,3 +48,9 @@ def test_values_are_checked_together(name, value, complaint):
 
 def test_unknown_gravity_is_allowed():
     check_all({**DEFAULTS, 'gravity': [0.0, 0.0, 0.0]})
+
+
+def test_the_readme_lists_every_parameter():
+    readme = (Path(__file__).parents[1] / 'README.md').read_text()
+    missing = [p.name for p in PARAMETERS if f'| `{p.name}` |' not in readme]
+    assert not missing

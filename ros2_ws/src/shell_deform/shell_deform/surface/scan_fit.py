@@ -92,7 +92,8 @@ def _measured(
     distance = found.distance - (
         (1.0 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
     )
-    spread = 1.4826 * float(np.median(np.abs(distance - np.median(distance))))
+    # About zero, not about the median: the first surface may lie off all points alike.
+    spread = 1.4826 * float(np.median(np.abs(distance)))
     near = np.abs(distance) <= OUTLIER * max(spread, 1e-12 + 1e-6 * float(np.ptp(points)))
     return found, distance, near & ~found.on_boundary
 

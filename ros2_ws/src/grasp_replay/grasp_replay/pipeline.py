@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
 DEFAULT_OBJECT = 'tennis_ball'
+REGISTERED_BY = ('koiter', 'paper', 'linear')
 
 
 @dataclass(frozen=True)
@@ -71,9 +72,8 @@ class Row:
 
     @property
     def reference(self) -> Comparison:
-        """The comparison that describes the scan itself: koiter's, else the first there is."""
-        found = [c for c in (self.compared['koiter'], *self.compared.values()) if c is not None]
-        return found[0]
+        """The comparison that found the pose of the scan and its measured profiles."""
+        return next(c for c in map(self.compared.get, REGISTERED_BY) if c is not None)
 
 
 @dataclass(frozen=True)
@@ -163,13 +163,18 @@ def _row(
         states.update(dict.fromkeys(states))
     solved: dict[str, Solved] = {}
     compared: dict[str, Comparison | None] = dict.fromkeys(THEORIES)
-    for theory in theories:
+    first: Comparison | None = None
+    # A scan has one pose: that of the theory named first in REGISTERED_BY which carries the load.
+    for theory in sorted(theories, key=REGISTERED_BY.index):
         solved[theory] = shell.solve(theory, patches, contacts.push, states[theory])
         if solved[theory].surface is None:
             continue
         states[theory] = solved[theory].state
-        compared[theory] = _compare(hold, undeformed, shell, solved[theory], patches, experiment)
-    if not any(compared.values()):
+        compared[theory] = _compare(
+            hold, undeformed, shell, solved[theory], patches, experiment, first
+        )
+        first = first or compared[theory]
+    if first is None:
         raise BagError(
             f'row {number}: no theory carries {np.round(contacts.push, 3).tolist()} N on '
             f'{shell.shell.name} ({solved[theories[-1]].state.message})'
@@ -184,15 +189,18 @@ def _compare(
     solved: Solved,
     patches: tuple[ContactPatch, ...],
     experiment: Experiment,
+    first: Comparison | None,
 ) -> Comparison:
+    """Hold a scan against one theory, in the pose found with the `first`, if there is one."""
     assert solved.surface is not None
     try:
         return compare(
             _scan(hold),
             solved.surface,
-            None if undeformed is None else _scan(undeformed),
+            None if undeformed is None or first is not None else _scan(undeformed),
             scanner_sigma_m=experiment.scanner_sigma,
             contacts=shell.contacts_at_rest(patches),
+            registration=None if first is None else first.registration,
         )
     except (ComparisonError, RegistrationError) as error:
         raise BagError(f'the scan at {hold.entry.stamp} ns: {error}') from error

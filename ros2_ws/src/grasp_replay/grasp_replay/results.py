@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from grasp_replay.pipeline import Outcome, Row
+from grasp_replay.pipeline import REGISTERED_BY, Outcome, Row
 from grasp_replay.theories import THEORIES
 from scan_compare.ranking import rank
 
@@ -111,6 +111,7 @@ def row_document(row: Row) -> dict[str, Any]:
         'undeformed_residual_m': reference['undeformed_residual_m'],
         'coverage': reference['coverage'],
         'registration': reference['registration'],
+        'registered_by': next(name for name in REGISTERED_BY if row.compared[name] is not None),
         'verdict': verdict(row),
         'theories': {name: _theory(row, name) for name in THEORIES},
         'notes': reference['notes'],

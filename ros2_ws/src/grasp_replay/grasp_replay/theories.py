@@ -11,15 +11,13 @@ from grasp_replay.errors import BagError
 from grasp_replay.holds import HeldContacts
 from scan_compare.deformed_surface import DeformedSurface
 from scan_compare.dent import Contacts
-from shell_deform.assemble import discretise
+from shell_deform.building import build_model
 from shell_deform.live.contact_tracking import ContactTracker
 from shell_deform.loads import ContactPatch
 from shell_deform.model import ShellModel
-from shell_deform.objects import ObjectError, ShellObject, load_object, object_mesh
+from shell_deform.objects import ObjectError, ShellObject, load_object
 from shell_deform.solve.equilibrium import Equilibrium, forced
 from shell_deform.solve.newton import EquilibriumSolver
-from shell_deform.theory.gas import Gas
-from shell_deform.theory.material import Material
 
 Array = NDArray[np.float64]
 
@@ -138,12 +136,7 @@ def theory_set(
             if 'control_vertices' in numbers:
                 numbers['control_vertices'] = int(numbers['control_vertices'])
             shell = replace(shell, **numbers)  # type: ignore[arg-type]
-        mesh = object_mesh(shell, refine_at=refine_at, refine_radius=refine_radius)
+        koiter = build_model(shell, refine_at=refine_at, refine_radius=refine_radius)
     except ObjectError as error:
         raise BagError(str(error)) from error
-    wall = discretise(
-        mesh, Material(shell.young_modulus_pa, shell.poisson_ratio), shell.thickness_m
-    )
-    gas = Gas(shell.gas.kind, shell.gas.gauge_pressure_pa, shell.gas.ambient_pa)
-    koiter = ShellModel(wall, 'koiter', gas)
     return TheorySet(shell, {name: koiter.with_theory(name) for name in THEORIES})

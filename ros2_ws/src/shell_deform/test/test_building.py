@@ -25,10 +25,10 @@ def cup(**changes):
         'thickness_m': 1e-3,
         'young_modulus_pa': 1e9,
         'poisson_ratio': 0.35,
-        'contacts': (Contact((0.04, 0.0, 0.0), 4e-3, 'pin'), Contact((-0.04, 0.0, 0.0), 4e-3, 'pin')),
+        'contacts': tuple(Contact((x, 0.0, 0.0), 4e-3, 'pin') for x in (0.04, -0.04)),
         'control_vertices': 250,
         **changes,
-    }  # fmt: skip
+    }
     return ShellObject(**values)
 
 

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from shell_deform.commands.console import CommandError, print_json, progress, run
-from shell_deform.verification import linear_course, spheres, sze
+from shell_deform.verification import linear_course, snap, spheres, sze
 from shell_deform.verification.problem import Verified
 
 Problems = Callable[[], Iterator[Verified]]
@@ -18,6 +18,7 @@ Problems = Callable[[], Iterator[Verified]]
 GROUPS: dict[str, Problems] = {
     'linear': linear_course.problems,
     'sze': sze.problems,
+    'snap': snap.problems,
     'spheres': spheres.problems,
 }
 

@@ -157,7 +157,7 @@ class EquilibriumSolver:
             factorisations=factorisations,
             load_fraction=fraction,
             unbalance=self._unbalance(edge, here),
-            negative_modes=self._negative_modes(edge, here) if self.options.stability else None,
+            negative_modes=self.negative_modes(edge, here) if self.options.stability else None,
         )
 
     def sweep(self, cases: list[LoadCase], start: Equilibrium | None = None) -> list[Equilibrium]:
@@ -190,7 +190,7 @@ class EquilibriumSolver:
 
     def respond(self, state: Equilibrium, edge: Borders, loads: Array) -> Array:
         """Displacements (N, k) per unit of the loads (N, k), by the tangent at `state`."""
-        system, _ = self._system(self.model.tangent(state.positions), edge)
+        system = self.system(self.model.tangent(state.positions), edge)
         return system.solve(loads, np.zeros((system.schur.shape[0], loads.shape[1])))[0]
 
     def factor(self, matrix: sp.csr_matrix) -> Factor:
@@ -227,6 +227,10 @@ class EquilibriumSolver:
             force=start.force if same else np.zeros(len(case.contacts)),
             multipliers=np.zeros(edge.held.shape[1]),
         )
+
+    def system(self, tangent: Tangent, edge: Borders) -> BorderedSystem:
+        """The factorised system of a tangent: sparse stiffness and all borders of a load case."""
+        return self._system(tangent, edge)[0]
 
     def _system(self, tangent: Tangent, edge: Borders) -> tuple[BorderedSystem, Factor]:
         """Bordered system: unknown pushes, held rows, springs taken back, gas."""
@@ -297,7 +301,7 @@ class EquilibriumSolver:
                 gradient, energy = tangent.gradient, tangent.energy
                 factorisations += 1
                 try:
-                    system, _ = self._system(tangent, edge)
+                    system = self.system(tangent, edge)
                 except FactorError as error:
                     message = str(error)
                     break
@@ -394,7 +398,7 @@ class EquilibriumSolver:
         moment = np.cross(state.positions, carried).sum(axis=0)
         return np.concatenate([carried.sum(axis=0), moment])
 
-    def _negative_modes(self, edge: Borders, state: Equilibrium) -> int:
+    def negative_modes(self, edge: Borders, state: Equilibrium) -> int:
         """Negative directions of the stiffness among motions the constraints allow.
 
         Haynsworth: the inertia of the symmetric bordered matrix is that of the factorised part

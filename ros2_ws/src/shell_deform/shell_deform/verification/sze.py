@@ -191,8 +191,8 @@ def pullout(cells: tuple[int, int] = (32, 24)) -> Curve:
     """Open cylinder pulled apart by two forces, by an octant, driven by the motion of A.
 
     B and C, away from the force, are scored. A lies under a point force: the published element is
-    shear-flexible, so its A moves on by the shear dent of a point force, P / (2 pi k G h) times the
-    logarithm of dent over element size. A Kirchhoff-Love wall has no such dent. The difference is
+    shear-flexible, so its A moves on by the shear dent of a point force, P / (2 pi k G h) times
+    the logarithm of dent over element size. A Kirchhoff-Love wall has no such dent. The difference is
     therefore informed, not scored, and checked to be one: it is proportional to the load from
     0.6 of the largest on, 1.33 % there at 32 x 24 cells and 1.21 % at 48 x 36, while B and C stay
     within 0.1 and 0.3 %; `shear_dent` gives its size. Kratos' thin corotational quadrilaterals, a

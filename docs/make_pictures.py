@@ -2,8 +2,8 @@
 
 squeeze: the ball between two fingers, nonlinear beside linear, from our own solver (GIF).
 force: force over displacement of each theory beside the published rows.
-report, view: screenshots of the report and of the live page while the recorded ball is replayed;
-they need the recording in `bags/` and a Chromium.
+report, view, what_if: screenshots of the report, of the live page while the recorded ball is
+replayed, and of fingers placed by hand; they need a Chromium, the first two the recording.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+import re
 import shutil
 import signal
 import socket
@@ -21,6 +22,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -37,6 +39,7 @@ from grasp_replay.report.camera import Camera, faces_viewer, painter_order
 from grasp_replay.report.pictures import LINEAR, NONLINEAR, REST, indexed
 from grasp_replay.report.section import level_lines
 from shell_deform.building import build_model, object_contacts
+from shell_deform.model import ShellModel
 from shell_deform.objects import load_object
 from shell_deform.solve.equilibrium import displaced, forced
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
@@ -80,8 +83,8 @@ class Squeeze:
 class _Skin:
     """Where the outer face is sampled: nine small triangles per control triangle."""
 
-    def __init__(self, model: object, parts: int = 3) -> None:
-        surface = model.surface  # type: ignore[attr-defined]
+    def __init__(self, model: ShellModel, parts: int = 3) -> None:
+        surface = model.surface
         mesh = surface.mesh
         grid = [(i, j) for i in range(parts + 1) for j in range(parts + 1 - i)]
         number = {place: k for k, place in enumerate(grid)}
@@ -264,14 +267,16 @@ def draw_force() -> Path:
 
 
 @contextlib.contextmanager
-def _browser(width: int, height: int) -> Iterator[object]:
+def _browser(width: int, height: int) -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as play:
         browser = play.chromium.launch(
             executable_path=shutil.which('chromium'), args=list(BROWSER_FLAGS)
         )
-        yield browser.new_page(viewport={'width': width, 'height': height})
+        tab = browser.new_page(viewport={'width': width, 'height': height})
+        tab.set_default_timeout(120_000)
+        yield tab
         browser.close()
 
 
@@ -284,67 +289,114 @@ def draw_report() -> Path:
             check=True,
         )
         with _browser(1200, 1500) as tab:
-            tab.goto((Path(folder) / 'report.html').as_uri())  # type: ignore[attr-defined]
-            tab.wait_for_selector('body.webgl')  # type: ignore[attr-defined]
-            tab.screenshot(path=path)  # type: ignore[attr-defined]
+            tab.goto((Path(folder) / 'report.html').as_uri())
+            tab.wait_for_selector('body.webgl')
+            tab.screenshot(path=path)
     return path
 
 
-@contextlib.contextmanager
-def _processes(*commands: Sequence[str]) -> Iterator[None]:
-    environment = {
-        **os.environ,
-        'ROS_DOMAIN_ID': '93',
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    }
-    started = [
-        subprocess.Popen(
-            [str(Path(sys.executable).parent / command[0]), *command[1:]], env=environment
-        )
-        for command in commands
-    ]
+class _Processes(contextlib.ExitStack):
+    """Started nodes on a ROS domain of their own, ended by SIGINT; their output in a folder."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.folder = Path(self.enter_context(tempfile.TemporaryDirectory()))
+
+    def start(self, *command: str) -> Path:
+        """Start an executable of the environment; returns its log file."""
+        log = self.folder / f'{command[0]}.log'
+        with log.open('wb') as stream:
+            process = subprocess.Popen(
+                [str(Path(sys.executable).parent / command[0]), *command[1:]],
+                stdout=stream,
+                stderr=subprocess.STDOUT,
+                env={
+                    **os.environ,
+                    'ROS_DOMAIN_ID': '93',
+                    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                },
+            )
+        self.callback(_end, process)
+        return log
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.send_signal(signal.SIGINT)
     try:
-        yield
-    finally:
-        for process in started:
-            process.send_signal(signal.SIGINT)
-        for process in started:
-            try:
-                process.wait(10)
-            except subprocess.TimeoutExpired:
-                process.kill()
+        process.wait(10)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
-def draw_view(seconds: float = 20.0) -> Path:
-    """The live page while the recorded ball is replayed through the real nodes."""
+def _wait(log: Path, text: str, seconds: float = 120.0) -> None:
+    deadline = time.monotonic() + seconds
+    while text not in log.read_text(errors='replace'):
+        if time.monotonic() > deadline:
+            raise RuntimeError(f'{text!r} did not come within {seconds:g} s: {log.read_text()}')
+        time.sleep(0.1)
+
+
+def _free_port() -> str:
     with socket.socket() as free:
         free.bind(('127.0.0.1', 0))
-        port = str(free.getsockname()[1])
-    path = PICTURES / 'view.png'
-    with (
-        _processes(
-            ['deformation', '--ros-args', '-p', f'object:={BALL}'],
-            ['scan_compare', '--ros-args', '-p', f'object:={BALL}'],
-            ['grasp_view', '--ros-args', '-p', f'port:={port}'],
-            ['replay', str(BAG), '--delay', '10'],
-        ),
-        _browser(1280, 860) as tab,
-    ):
-        deadline = time.monotonic() + 30
-        while True:
-            try:
-                tab.goto(f'http://127.0.0.1:{port}')  # type: ignore[attr-defined]
-                break
-            except Exception:
-                if time.monotonic() > deadline:
-                    raise
-                time.sleep(0.2)
-        tab.wait_for_timeout(1000 * (10 + seconds))  # type: ignore[attr-defined]
-        tab.screenshot(path=path)  # type: ignore[attr-defined]
+        return str(free.getsockname()[1])
+
+
+def _deep(tab: Any, least_mm: float) -> bool:
+    found = re.search(r'displacement\s+([\d.]+) mm', tab.locator('.grasp-numbers').inner_text())
+    return found is not None and float(found.group(1)) >= least_mm
+
+
+def draw_view() -> Path:
+    """The live page while the recorded ball is replayed through the real nodes."""
+    path, port = PICTURES / 'view.png', _free_port()
+    ball = ('--ros-args', '-p', f'object:={BALL}')
+    with _Processes() as nodes, _browser(1280, 860) as tab:
+        page = nodes.start('grasp_view', '--ros-args', '-p', f'port:={port}')
+        _wait(nodes.start('deformation', *ball), 'serving')
+        nodes.start('scan_compare', *ball)
+        _wait(page, 'page ready')
+        tab.goto(f'http://127.0.0.1:{port}')
+        tab.wait_for_selector('.grasp-legend')
+        nodes.start('replay', str(BAG))
+        deadline = time.monotonic() + 90
+        while not _deep(tab, 8.0) and time.monotonic() < deadline:
+            tab.wait_for_timeout(100)
+        tab.wait_for_timeout(2000)
+        tab.screenshot(path=path)
     return path
 
 
-DRAWERS = {'squeeze': draw_squeeze, 'force': draw_force, 'report': draw_report, 'view': draw_view}
+def draw_what_if() -> Path:
+    """Fingers placed in the page, solved live."""
+    path, port = PICTURES / 'what_if.png', _free_port()
+    with _Processes() as nodes, _browser(1280, 860) as tab:
+        page = nodes.start(
+            'grasp_view', '--ros-args', '-p', f'port:={port}', '-p', 'what_if:=true'
+        )
+        _wait(page, 'serving')
+        tab.goto(f'http://127.0.0.1:{port}')
+        tab.wait_for_selector('.grasp-legend')
+        force = tab.get_by_label('Finger 1 (N)', exact=True).last
+        force.fill('15')
+        force.press('Enter')
+        deadline = time.monotonic() + 60
+        while not _deep(tab, 4.0) and time.monotonic() < deadline:
+            tab.wait_for_timeout(100)
+        tab.wait_for_timeout(3000)
+        tab.screenshot(path=path)
+    return path
+
+
+DRAWERS = {
+    'squeeze': draw_squeeze,
+    'force': draw_force,
+    'report': draw_report,
+    'view': draw_view,
+    'what_if': draw_what_if,
+}
+NEED_BROWSER = ('report', 'view', 'what_if')
 NEED_RECORDING = ('report', 'view')
 
 
@@ -355,8 +407,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(arguments).only
     PICTURES.mkdir(parents=True, exist_ok=True)
     for name in chosen:
-        if name in NEED_RECORDING and not (shutil.which('chromium') and BAG.is_dir()):
-            print(f'{name}: left out, it needs chromium and {BAG.relative_to(ROOT)}')
+        missing = [
+            what
+            for what, needed in (
+                ('a chromium', name in NEED_BROWSER and shutil.which('chromium') is None),
+                (f'bags/{BAG.name}', name in NEED_RECORDING and not BAG.is_dir()),
+            )
+            if needed
+        ]
+        if missing:
+            print(f'{name}: left out, it needs {" and ".join(missing)}')
             continue
         path = DRAWERS[name]()
         print(f'{path.relative_to(ROOT)}: {path.stat().st_size / 1e3:.0f} kB')

@@ -33,6 +33,7 @@ from std_srvs.srv import Trigger
 
 from . import messages
 from .page import BUTTONS, Page, PageError
+from .parameters import PARAMETERS
 from .plot_panel import SERIES
 from .poses import Pose, PoseError
 from .scene_model import CONTACT, Snapshot
@@ -55,6 +56,7 @@ NUMBERS = {
 }
 SCAN_POINTS = 30_000
 SERVICE_TIMEOUT_S = 5.0
+HISTORY_PERIOD_S = 0.19
 DISCOVERY_S = 2.0
 PLAUSIBLE_LATENCY_S = 60.0
 
@@ -111,7 +113,7 @@ class GraspView(Node):
             hand_frame=str(self.get_parameter('hand_frame').value),
         )
         self._series = TimeSeries(SERIES, span, int(span * self._rate) + 1)
-        self._history: History[Snapshot] = History(span, int(span * self._rate) + 1)
+        self._history: History[Snapshot] = History(span, int(span / HISTORY_PERIOD_S) + 1)
         self._commands: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._start = time.monotonic()
         self._latency = float('nan')
@@ -144,53 +146,18 @@ class GraspView(Node):
         self.get_logger().info(f'page ready on http://{host}:{port}')
 
     def _declare(self) -> None:
-        def declare(name: str, value: object, description: str, **limits: Any) -> None:
-            self.declare_parameter(
-                name, value, ParameterDescriptor(description=description, **limits)
-            )
-
-        fixed = {'read_only': True}
-        declare(
-            'host',
-            '127.0.0.1',
-            'address to serve on; 0.0.0.0 lets a tablet in (and everybody else on that network)',
-            **fixed,
-        )
-        declare(
-            'port',
-            8080,
-            'TCP port of the page, 1024..65535',
-            integer_range=[IntegerRange(from_value=1024, to_value=65535, step=1)],
-            **fixed,
-        )
-        declare(
-            'rate',
-            15.0,
-            'pictures per second sent to the browsers, 1..60',
-            floating_point_range=[FloatingPointRange(from_value=1.0, to_value=60.0)],
-            **fixed,
-        )
-        declare(
-            'history',
-            60.0,
-            'seconds kept for the time slider and the plots, 5..600',
-            floating_point_range=[FloatingPointRange(from_value=5.0, to_value=600.0)],
-            **fixed,
-        )
-        declare('hand_frame', 'hand_base', 'frame id of the hand; other frames count as object')
-        declare(
-            'object_pose',
-            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0],
-            'object in the hand frame until object_pose comes by topic: x y z (m) qx qy qz qw',
-        )
-        declare('replay_node', 'replay', 'name of the replay node whose services the page calls')
-        declare(
-            'what_if',
-            False,
-            'no hand: place fingers in the page, solved by a deformation process of its own',
-            **fixed,
-        )
-        declare('object', 'tennis_ball', 'object of what_if: name or object file', **fixed)
+        for one in PARAMETERS:
+            described = ParameterDescriptor(description=one.description, read_only=one.fixed)
+            if one.lowest is not None and one.highest is not None:
+                if isinstance(one.default, int):
+                    described.integer_range = [
+                        IntegerRange(from_value=int(one.lowest), to_value=int(one.highest), step=1)
+                    ]
+                else:
+                    described.floating_point_range = [
+                        FloatingPointRange(from_value=one.lowest, to_value=one.highest)
+                    ]
+            self.declare_parameter(one.name, one.default, described)
 
     def _set(self, parameters: list[Parameter]) -> SetParametersResult:
         changes: dict[str, Any] = {}
@@ -263,7 +230,9 @@ class GraspView(Node):
         self._surface_at = time.monotonic()
         self._keep(served=surface, time=surface.stamp)
         # What one looks back at must not run out at its old end meanwhile.
-        if self.page.live and self._snapshot.mesh is not None:
+        last = self._history.ends[1]
+        due = surface.stamp < last or surface.stamp - last >= HISTORY_PERIOD_S
+        if self.page.live and self._snapshot.mesh is not None and due:
             self._history.add(surface.stamp, self._snapshot)
 
     def _poll(self) -> None:

@@ -101,9 +101,9 @@ def read_surface(message: PointCloud2) -> Surface:
     return Surface(
         seconds(message.header.stamp),
         message.header.frame_id,
-        np.where(np.isfinite(moved), moved, 0.0),
-        _column(points, 'sigma', np.nan),
-        None if energy is None else points[energy].astype(np.float64),
+        np.where(np.isfinite(moved), moved, 0.0).astype(np.float32),
+        _column(points, 'sigma', np.nan).astype(np.float32),
+        None if energy is None else points[energy].astype(np.float32),
     )
 
 

@@ -272,8 +272,9 @@ class SceneView:
             options.contacts,
         ):
             return
-        shown = arrows(snapshot, METRES_PER_NEWTON) if options.contacts else []
-        pulled = [arrow for arrow in shown if arrow.force > 1e-6]
+        known = arrows(snapshot, METRES_PER_NEWTON) if options.contacts else []
+        shown = [arrow for arrow in known if arrow.touching or arrow.flags]
+        pulled = [arrow for arrow in shown if arrow.touching and arrow.force > 1e-6]
         if pulled:
             points = np.array([[a.tail, a.head] for a in pulled]) * SCALE
             colours = np.array([FLAGGED if a.flags else FORCE for a in pulled], dtype=np.uint8)

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib import colormaps
 
@@ -38,6 +38,7 @@ def test_the_renderers_tone_curve_turns_our_colours_into_the_legends() -> None:
     assert np.allclose(tone_curve(RENDERER_TABLE.astype(float)), linear_light(TABLE), atol=1e-6)
 
 
+@settings(deadline=None)
 @given(st.lists(st.integers(0, 255), min_size=3, max_size=3))
 def test_greys_and_every_moderate_colour_survive_the_tone_curve(colour: list[int]) -> None:
     mixed = np.array([[80 + c * 0.4 for c in colour]], dtype=np.uint8)
@@ -55,6 +56,7 @@ def test_a_scale_without_width_does_not_divide_by_zero() -> None:
     assert colour_index(np.array([1.0, np.nan]), 1.0, 1.0).tolist() == [0, 0]
 
 
+@settings(deadline=None)
 @given(st.floats(1e-8, 1e8))
 def test_the_scale_ends_at_a_round_number_not_far_above(value: float) -> None:
     top = nice_ceiling(value)

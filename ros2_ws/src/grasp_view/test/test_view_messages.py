@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from sensor_msgs.msg import PointCloud2, PointField
@@ -85,6 +85,7 @@ def test_rows_of_an_organised_cloud_may_be_padded() -> None:
     assert read_surface(message).moved[:, 2].tolist() == [0, 1, 2, 3]
 
 
+@settings(deadline=None)
 @given(st.integers(0, 200))
 def test_a_cut_cloud_is_refused(cut: int) -> None:
     message = cloud(surface_points(4))
@@ -117,6 +118,7 @@ def test_a_large_scan_is_thinned_and_nan_points_are_dropped() -> None:
 floats = arrays.arrays(np.float32, (3, 3), elements=st.floats(-100, 100, width=32))
 
 
+@settings(deadline=None)
 @given(floats, floats, floats)
 def test_contacts_survive_the_wire(
     points: np.ndarray, normals: np.ndarray, forces: np.ndarray

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasp_view.hand_shape import FingerAngles, finger_angles, finger_frames, hand_bodies
@@ -139,6 +139,7 @@ def test_a_friction_cone_opens_by_its_coefficient() -> None:
     assert len(friction_cones(Snapshot(contacts=contacts(flags=0)), 0.5, 0.02)) == 0
 
 
+@settings(deadline=None)
 @given(st.floats(0.05, 0.9))
 def test_level_lines_lie_on_multiples_of_the_step(step: float) -> None:
     height = (MESH.rest[:, 2] / RADIUS) * 0.5 + 0.5
@@ -204,6 +205,7 @@ quaternions = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
 )
 
 
+@settings(deadline=None)
 @given(quaternions)
 def test_a_rotation_survives_its_quaternion(numbers: list[float]) -> None:
     rotation = rotation_of(numbers)
@@ -212,6 +214,7 @@ def test_a_rotation_survives_its_quaternion(numbers: list[float]) -> None:
     assert np.allclose(rotation_of([x, y, z, w]), rotation, atol=1e-9)
 
 
+@settings(deadline=None)
 @given(quaternions, st.lists(st.floats(-1, 1), min_size=3, max_size=3))
 def test_a_pose_and_its_inverse_cancel(numbers: list[float], place: list[float]) -> None:
     pose = Pose.of([*place, *numbers])

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import rclpy
 import trimesh
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -45,6 +45,7 @@ def test_normals_of_a_ball_point_outward() -> None:
     assert np.allclose(NORMALS, MESH.rest / RADIUS, atol=0.02)
 
 
+@settings(deadline=None)
 @given(directions)
 def test_a_ray_through_a_ball_meets_it_twice_nearest_first(towards: list[float]) -> None:
     direction = np.array(towards) / np.linalg.norm(towards)
@@ -59,6 +60,7 @@ def test_a_ray_beside_the_body_meets_nothing() -> None:
     assert hits(MESH, NORMALS, np.array([0, 0, 2 * RADIUS]), np.array([1.0, 0, 0])) == []
 
 
+@settings(deadline=None)
 @given(directions)
 def test_the_opposite_place_of_a_ball_is_its_antipode(towards: list[float]) -> None:
     direction = np.array(towards) / np.linalg.norm(towards)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -22,7 +23,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from grasp_replay.bag_writer import COMPRESSIONS, BagWriter
 from grasp_replay.cdr import has_header, header_stamp
 from grasp_replay.errors import BagError
-from grasp_replay.messages import from_endpoint, message_class, type_hash
+from grasp_replay.messages import diagnostics, from_endpoint, message_class, type_hash
 from grasp_replay.progress import status_line
 from grasp_replay.qos import common_offer, qos_text
 from grasp_replay.ros_arguments import split_ros_arguments
@@ -30,6 +31,7 @@ from grasp_replay.topic_selection import TopicSelection
 
 DISCOVERY_PERIOD = 0.1
 FLUSH_PERIOD = 0.5
+DIAGNOSTICS_PERIOD = 1.0
 SUBSCRIPTION_DEPTH = 1000
 
 
@@ -50,12 +52,30 @@ class RecordNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DISCOVERY_PERIOD, self._discover, clock=steady)
         self.create_timer(FLUSH_PERIOD, self._guarded(writer.flush), clock=steady)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=steady)
         self._discover()
 
     @property
     def topic_count(self) -> int:
         """Topics found and subscribed so far."""
         return len(self._topics)
+
+    def _publish_diagnostics(self) -> None:
+        now = self.get_clock().now().nanoseconds
+        # Before the first /clock there is no time to stamp with, and a stamp of 0 would become
+        # the beginning of a recording that takes its times from headers.
+        if now == 0:
+            return
+        warning = f'{self.lost} messages were lost before they arrived' if self.lost else None
+        values = {
+            'bag': self.writer.directory.name,
+            'topics': self.topic_count,
+            'messages': self.writer.message_count,
+            'bytes': self.writer.size,
+            'lost': self.lost,
+        }
+        self._diagnostics.publish(diagnostics('record', warning, 'recording', values, now))
 
     def _discover(self) -> None:
         for topic, types in self.get_topic_names_and_types():

@@ -10,7 +10,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -27,17 +29,18 @@ from grasp_replay.bag_reader import open_bag
 from grasp_replay.cdr import has_header
 from grasp_replay.errors import BagError
 from grasp_replay.lockstep import Lockstep
-from grasp_replay.messages import clock_message, message_class, to_rclpy
+from grasp_replay.messages import clock_message, diagnostics, message_class, to_rclpy
 from grasp_replay.player import Player
 from grasp_replay.progress import progress_bar
 from grasp_replay.qos import QosProfile, common_offer, parse_qos_text
-from grasp_replay.replay_core import HIGHEST_RATE, Control, Pace, refusal
+from grasp_replay.replay_core import HIGHEST_RATE, Control, Pace, Tally, refusal
 from grasp_replay.replay_options import ReplayOptions, parse_options
 from grasp_replay.ros_arguments import split_ros_arguments
 from grasp_replay.ros_types import type_differs
 
 # The publishing thread takes turns with reading ahead and with the services at this period.
 SWITCH_SECONDS = 0.0005
+DIAGNOSTICS_PERIOD = 1.0
 
 
 class ReplayNode(Node):
@@ -69,6 +72,10 @@ class ReplayNode(Node):
                 ],
             ),
         )
+        self.tally: Tally | None = None
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=steady)
         for name, action in (
             ('pause', self._pause),
             ('resume', self._resume),
@@ -77,6 +84,23 @@ class ReplayNode(Node):
             ('stop', self._stop),
         ):
             self.create_service(Trigger, f'~/{name}', self._service(action))
+
+    def _publish_diagnostics(self) -> None:
+        tally, pace = self.tally, self.control.pace
+        if tally is None:
+            return
+        warning = f'{tally.lost} messages were lost' if tally.lost else None
+        values = {
+            'rate': pace.rate,
+            'paused': pace.paused,
+            'sent': tally.total,
+            'late': tally.late,
+            'lost': tally.lost,
+            'lateness_p99_s': f'{tally.quantile(0.99):.6f}',
+        }
+        now = self.get_clock().now().nanoseconds
+        text = 'paused' if pace.paused else 'replaying'
+        self._diagnostics.publish(diagnostics('replay', warning, text, values, now))
 
     def _open(
         self, name: str, topic: Topic, sent_name: str, overrides: dict[str, QosProfile]
@@ -244,7 +268,9 @@ def _replay(bag: Bag, options: ReplayOptions, ros_arguments: list[str]) -> int:
         if options.lockstep:
             lockstep = Lockstep(list(options.lockstep), options.lockstep_timeout)
             node.listen(lockstep, options.wait)
-        return _play(Player(node, bag, options, lockstep), options)
+        player = Player(node, bag, options, lockstep)
+        node.tally = player.tally
+        return _play(player, options)
     finally:
         rclpy.try_shutdown()
         executor.shutdown()

@@ -40,18 +40,23 @@ def _bytes(result: CampaignResult) -> list[dict[str, bytes]]:
     ]
 
 
-def test_the_number_of_processes_changes_no_byte(grasp: Path, tmp_path: Path) -> None:
-    one = run_campaign(_tasks(grasp), tmp_path / 'one', processes=1)
-    two = run_campaign(_tasks(grasp), tmp_path / 'two', processes=2)
-    assert _bytes(one) == _bytes(two)
-    assert len(one.folders) == 2
+@pytest.fixture(scope='module')
+def alone(grasp: Path, tmp_path_factory: pytest.TempPathFactory) -> CampaignResult:
+    return run_campaign(_tasks(grasp), tmp_path_factory.mktemp('alone'), processes=1)
 
 
-def test_what_is_there_is_not_computed_again(grasp: Path, tmp_path: Path) -> None:
-    first = run_campaign(_tasks(grasp), tmp_path / 'out')
-    stamps = [(folder / 'results.json').stat().st_mtime_ns for folder in first.folders]
-    again = run_campaign(_tasks(grasp), tmp_path / 'out')
-    assert (first.reused, again.reused) == (0, 2)
+def test_the_number_of_processes_changes_no_byte(
+    grasp: Path, alone: CampaignResult, tmp_path: Path
+) -> None:
+    two = run_campaign(_tasks(grasp), tmp_path, processes=2)
+    assert _bytes(alone) == _bytes(two)
+    assert len(two.folders) == 2
+
+
+def test_what_is_there_is_not_computed_again(grasp: Path, alone: CampaignResult) -> None:
+    stamps = [(folder / 'results.json').stat().st_mtime_ns for folder in alone.folders]
+    again = run_campaign(_tasks(grasp), alone.folders[0].parent)
+    assert (alone.reused, again.reused) == (0, 2)
     assert [(f / 'results.json').stat().st_mtime_ns for f in again.folders] == stamps
 
 
@@ -128,12 +133,13 @@ def test_a_scheduler_without_dask_is_one_sentence(
 
 
 @pytest.mark.filterwarnings('ignore')
-def test_a_dask_cluster_gives_the_same_bytes(grasp: Path, tmp_path: Path) -> None:
+def test_a_dask_cluster_gives_the_same_bytes(
+    grasp: Path, alone: CampaignResult, tmp_path: Path
+) -> None:
     distributed = pytest.importorskip('distributed', reason='dask.distributed is optional')
-    here = run_campaign(_tasks(grasp), tmp_path / 'here')
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None, processes=True
     ) as cluster:
         address = cluster.scheduler_address
         there = run_campaign(_tasks(grasp), tmp_path / 'there', scheduler=address)
-    assert _bytes(here) == _bytes(there)
+    assert _bytes(alone) == _bytes(there)

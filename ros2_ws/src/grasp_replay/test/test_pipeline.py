@@ -250,6 +250,17 @@ def test_published_rows_are_predicted_by_koiter_theory_and_missed_by_linear() ->
         assert abs(predicted['linear'] / measured - 1.0) > 0.3
 
 
+def test_on_the_recorded_ball_koiter_theory_is_nearer_than_linear_theory() -> None:
+    outcome = run(PUBLISHED.parents[1] / 'tennis_ball_two_finger', PipelineOptions())
+    rows = document(outcome, [])['rows']
+    assert [row['published_row'] for row in rows] == [1, 2, 3, 4]
+    for row in rows:
+        koiter, linear = (row['theories'][name]['mean_error_m'] for name in ('koiter', 'linear'))
+        assert koiter < linear
+        assert koiter < 2.0 * row['noise_floor_m']
+    assert rows[3]['verdict'].startswith('koiter is better than linear')
+
+
 def test_an_object_without_published_rows_has_none() -> None:
     assert published_predictions(PUBLISHED, 'tennis_ball', 'melon') == []
 

@@ -98,6 +98,7 @@ class SerialHand:
         self._make_guard = guard
         self._guard: Guard | None = None
         self._asked = False
+        self._asked_at = 0.0
         self._looping = False
         self._flipped = dict.fromkeys(FINGERS, False)
         self._seen_gauge = dict.fromkeys(FINGERS, False)
@@ -231,35 +232,45 @@ class SerialHand:
         port = line.port
         size = self.layout.feedback_bytes
         if not self._asked:
-            port.write(request)
+            self._ask(port, request)
         self._asked = False
-        # One wake-up for the acknowledge byte gives the stamp; the rest follows back to back.
-        port.timeout = LATE_PERIODS * self.cycle_s
+        if self._prefetch:
+            # The block is still on its way: one sleep instead of a wake-up for every byte.
+            time.sleep(max(self._asked_at + 0.9 * self.cycle_s - time.monotonic(), 0.0))
+        left = self._asked_at + LATE_PERIODS * self.cycle_s - time.monotonic()
+        port.timeout = max(left, line.byte_s)
         data = port.read(1)
-        stamp_ns = self._clock_ns()
         if not data:
             self.late()
             port.timeout = PATIENCE_S
             data = port.read(1)
-            stamp_ns = self._clock_ns()
+        stamp_ns = self._clock_ns()
         if data and data[0] != ACKNOWLEDGE:
             status = language.parse_loop_end(data + line.until_prompt())
             raise HandRefusedError('LOOP', status)
-        port.timeout = size * line.byte_s + 0.02
-        data += port.read(size - 1)
-        if len(data) < size:
-            self.late()
-            port.timeout = PATIENCE_S
-            data += port.read(size - len(data))
+        if data:
+            port.timeout = size * line.byte_s + 0.02
+            data += port.read(size - 1)
+            if len(data) < size:
+                self.late()
+                port.timeout = PATIENCE_S
+                data += port.read(size - len(data))
         if len(data) < size:
             raise HandLinkError(f'{len(data)} of {size} bytes of a feedback block came')
         if port.in_waiting:
             raise HandLinkError('bytes nobody asked for follow a feedback block')
+        if self._prefetch:
+            # Bytes of a block follow one another: its first one came that much earlier.
+            stamp_ns = self._clock_ns() - round(1e9 * (size - 1) * line.byte_s)
         sample = self._sample(decode_feedback(self.layout, data), stamp_ns)
         if self._prefetch:
-            port.write(request)
+            self._ask(port, request)
             self._asked = True
         return sample
+
+    def _ask(self, port: Port, request: bytes) -> None:
+        port.write(request)
+        self._asked_at = time.monotonic()
 
     def _sample(self, feedback: Feedback, stamp_ns: int) -> HandSample:
         fingers = [feedback.motors[finger] for finger in FINGERS]

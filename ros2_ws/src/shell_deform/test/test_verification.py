@@ -11,7 +11,7 @@ from shell_deform.solve.equilibrium import LoadCase
 from shell_deform.surface.control_mesh import control_mesh, moved
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.theory.material import Material
-from shell_deform.verification import linear_course, spheres, sze
+from shell_deform.verification import closed_forms, linear_course, spheres, sze
 from shell_deform.verification.problem import Verified
 
 from surface_shapes import torus  # isort: skip
@@ -43,6 +43,21 @@ def test_hemisphere_with_a_hole_follows_its_first_loads_with_two_thousand_unknow
     assert 3 * curve.vertices <= 2000
     assert len(rows) == 4
     assert all(row.passed for row in rows)
+
+
+def test_clamped_circular_plates_have_the_exact_deflections():
+    assert all(abs(row.error) < 0.01 for row in closed_forms.clamped_plate(12))
+
+
+def test_slit_tube_carries_the_torque_of_a_thin_open_section():
+    assert abs(closed_forms.slit_tube((32, 12)).error) < 0.01
+
+
+@pytest.mark.parametrize('turn', ['twist', 'bend'])
+def test_tube_turned_far_keeps_its_section_but_linear_theory_swells_it(turn):
+    ours, linear = (closed_forms.turned_tube(theory, turn) for theory in ('koiter', 'linear'))
+    assert abs(ours.error) < 0.01
+    assert linear.error > 0.1
 
 
 def test_pulled_cylinder_misses_only_the_shear_dent_under_the_force():

@@ -7,15 +7,17 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from shell_deform.commands.console import CommandError, print_json, progress, run
-from shell_deform.verification import linear_course, snap, spheres, sze
+from shell_deform.verification import closed_forms, linear_course, snap, spheres, sze
 from shell_deform.verification.problem import Verified
 
 Problems = Callable[[], Iterator[Verified]]
 
 GROUPS: dict[str, Problems] = {
+    'closed': closed_forms.problems,
     'linear': linear_course.problems,
     'sze': sze.problems,
     'snap': snap.problems,
@@ -79,7 +81,7 @@ def _table(results: list[Verified]) -> Table:
         mark = '' if result.passed else ' !'
         table.add_row(
             result.name,
-            result.quantity,
+            escape(result.quantity),
             f'{result.value:.6g}',
             f'{result.reference:.6g}',
             f'{100 * result.error:+.3f} %{mark}',

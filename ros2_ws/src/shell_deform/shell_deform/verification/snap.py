@@ -1,9 +1,9 @@
 """Snap-through and snap-back of the hinged cylindrical roof under a central force.
 
 R 2540, length 508, half angle 0.1, E 3102.75, nu 0.3 (mm, N, MPa), straight edges hinged, curved
-edges free; Sze, Liu & Lo 2004, problem 3.6, after Sabir & Lock 1972. For h 12.7 the table up to the
-limit load is transcribed from the demonstrations of PENGoLINS (hinged_cylin_iso, GitHub). For
-h 6.35 the displacement turns back too.
+edges free; Sze, Liu & Lo 2004, after Sabir & Lock 1972. For h 12.7 the table up to the limit load
+is transcribed from the demonstrations of PENGoLINS (hinged_cylin_iso, GitHub). For h 6.35 the
+displacement turns back too.
 """
 
 from __future__ import annotations

@@ -1,0 +1,211 @@
+"""Problems with closed-form answers: clamped plates, a slit tube under torque, tubes turned far.
+
+SI units. Every length is in metres, every modulus in pascals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.assemble import Discretisation, discretise
+from shell_deform.building import boundary_vertices, build_model
+from shell_deform.model import ShellModel
+from shell_deform.objects import ShellObject
+from shell_deform.objects.shell_object import Cylinder
+from shell_deform.readout import support_forces
+from shell_deform.solve.equilibrium import Equilibrium, LoadCase, forced
+from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.supports import hold_position, hold_slope, joined
+from shell_deform.surface.control_mesh import ControlMesh, control_mesh, moved
+from shell_deform.surface.limit import LimitSurface
+from shell_deform.theory.material import Material
+from shell_deform.verification.grid_surface import grid_surface
+from shell_deform.verification.linear_course import area_load, first_order, unheld
+from shell_deform.verification.problem import Verified, point_load, stopwatch, used_vertices
+
+Array = NDArray[np.float64]
+X, Y, Z = np.eye(3)
+EXACT_PLATE = 'thin plate, exact (Timoshenko)'
+GOAL = 1e-2
+
+TWIST = 0.5 * np.pi
+BEND = np.pi / 3.0
+
+
+def disc_mesh(radius: float, rings: int) -> tuple[ControlMesh, NDArray[np.int64]]:
+    """A flat disc in rings of 6, 12, 18 … vertices, all of valence 6, and the rim's vertices.
+
+    One more ring of control points lies beyond the rim.
+    """
+    points, number = [np.zeros(3)], {(0, 0): 0}
+    for ring in range(1, rings + 2):
+        for k in range(6 * ring):
+            angle = 2.0 * np.pi * k / (6 * ring)
+            number[ring, k] = len(points)
+            points.append(radius * ring / rings * np.array([np.cos(angle), np.sin(angle), 0.0]))
+    triangles, inside = [], []
+    for ring in range(1, rings + 2):
+        for sector in range(6):
+            for k in range(ring):
+                outer = [number[ring, (sector * ring + k + i) % (6 * ring)] for i in range(2)]
+                inner = [
+                    number[ring - 1, (sector * (ring - 1) + k + i) % max(1, 6 * (ring - 1))]
+                    for i in range(2)
+                ]
+                triangles.append([inner[0], *outer])
+                inside.append(ring <= rings)
+                if k < ring - 1:
+                    triangles.append([inner[0], outer[1], inner[1]])
+                    inside.append(ring <= rings)
+    target = np.array(points)
+    mesh = control_mesh(target, triangles, corners=[], active=np.array(inside))
+    surface, control = LimitSurface(mesh), target
+    free = np.linalg.norm(target, axis=1) < radius * (1.0 + 0.5 / rings)
+    for _ in range(30):
+        control = control + free[:, None] * (target - surface.limit_positions(control))
+    rim = np.array([number[rings, k] for k in range(6 * rings)])
+    return moved(mesh, control), rim
+
+
+def clamped_plate(rings: int = 20) -> Iterator[Verified]:
+    """Circular plate with a clamped rim under a force on its centre, and under a uniform load."""
+    radius, thickness, material = 0.1, 1e-3, Material(70e9, 0.3)
+    with stopwatch() as watch:
+        mesh, rim = disc_mesh(radius, rings)
+        shell = discretise(mesh, material, thickness)
+        outward = mesh.vertices[rim] / np.linalg.norm(mesh.vertices[rim], axis=1)[:, None]
+        everything = np.eye(3)
+        supports = [
+            hold_position(shell, rim, everything),
+            hold_slope(shell, rim, -outward, everything),
+        ]
+        model = ShellModel(shell, supports=joined(supports))
+        centre = point_load(model, 0, Z)
+        by_force = first_order(model, unheld(forced((centre,), [1.0])))
+        spread = LoadCase((), np.zeros(0), np.zeros(0), dead_load=area_load(shell, Z))
+        by_pressure = first_order(model, spread)
+    stiffness = material.bending_stiffness(thickness)
+    for quantity, exact, motion in (
+        ('deflection [m] per N on the centre', radius**2 / (16.0 * np.pi * stiffness), by_force),
+        ('deflection [m] per Pa', radius**4 / (64.0 * stiffness), by_pressure),
+    ):
+        yield Verified(
+            'clamped_circular_plate', quantity, exact, EXACT_PLATE, float(centre.centre @ motion @ Z),
+            used_vertices(model), watch.seconds, GOAL,
+        )  # fmt: skip
+
+
+def slit_tube(cells: tuple[int, int] = (48, 24)) -> Verified:
+    """Thin tube slit along its length: torque per twist, the ends free to warp."""
+    radius, length, thickness, material = 0.05, 0.4, 1e-3, Material(1e9, 0.3)
+
+    def tube(s: Array, t: Array) -> Array:
+        angle = 2.0 * np.pi * s
+        return np.stack([radius * np.cos(angle), radius * np.sin(angle), length * t], axis=1)
+
+    with stopwatch() as watch:
+        grid = grid_surface(tube, cells)
+        shell = discretise(grid.mesh, material, thickness)
+        ends = [grid.edge('t0'), grid.edge('t1')]
+        held = [hold_position(shell, end, np.stack([X, Y])) for end in ends]
+        axial = hold_position(shell, ends[0][cells[0] // 2 :][:1], Z[None])
+        model = ShellModel(shell, supports=joined([*held, axial]))
+        points = model.surface.limit_positions(model.rest)[ends[1]]
+        angle = 1e-5
+        target = np.concatenate(
+            [
+                np.zeros(len(held[0].stiffness)),
+                (angle * np.cross(Z, points))[:, :2].ravel(),
+                np.zeros(1),
+            ]
+        )
+        state = _moved_supports(model, target, 1)
+        reaction = support_forces(model, state.positions, np.zeros_like(model.rest))
+        near = model.rest[:, 2] > 0.5 * length
+        torque = float(np.cross(model.rest, reaction)[near, 2].sum())
+    shear_modulus = 1e9 / 2.6
+    exact = 2.0 * np.pi * radius * shear_modulus * thickness**3 / 3.0 * angle / length
+    return Verified(
+        'slit_tube', 'torque [N m] for a small twist', exact, 'thin open tube, (2 pi R) G h^3 / 3',
+        torque, used_vertices(model), watch.seconds, GOAL,
+    )  # fmt: skip
+
+
+def turned_tube(theory: str, turn: str) -> Verified:
+    """Diameter in the middle of a tube whose end section is turned far as a rigid body.
+
+    `turn`: 'twist' by 90 degrees about the axis, or 'bend' by 60 degrees along a circular arc.
+    A wall keeps its section, but for the flattening that Brazier (1927) gives for bending. Linear
+    theory does not: its tube swells, which its rows show and are not scored for.
+    """
+    radius, length, thickness, poisson = 0.01, 0.4, 2e-3, 0.3
+    angle = TWIST if turn == 'twist' else BEND
+    with stopwatch() as watch:
+        tube = ShellObject(
+            'tube', Cylinder(2.0 * radius + thickness, length, 'open'), thickness, 1e6, poisson,
+            control_vertices=800,
+        )  # fmt: skip
+        shell = build_model(tube).shell
+        rim, _ = boundary_vertices(shell.mesh)
+        points = LimitSurface(shell.mesh).limit_positions(shell.mesh.vertices)[rim]
+        model = ShellModel(shell, theory, supports=hold_position(shell, rim, np.eye(3)))
+        steps = 1 if theory == 'linear' else 12
+        ways = [_turned(points, length, k * angle / steps, turn) for k in range(1, steps + 1)]
+        state = _moved_supports(model, np.stack(ways), steps)
+        width = _section_width(model, state)
+    flattening = 0.0
+    if turn == 'bend':
+        flattening = (angle / length * radius**2 / thickness) ** 2 * (1.0 - poisson**2)
+    return Verified(
+        f'tube_{turn}_{theory}', 'diameter in the middle over that at rest', 1.0 - flattening,
+        'rigid sections; Brazier 1927', width, used_vertices(model), watch.seconds,
+        None if theory == 'linear' else GOAL,
+    )  # fmt: skip
+
+
+def _turned(points: Array, length: float, angle: float, turn: str) -> Array:
+    """Motion (3 v,) of rim points (v, 3): lower end fixed, upper end turned."""
+    upper = points[:, 2] > 0.0
+    cos, sin = np.cos(angle), np.sin(angle)
+    moved_to = points.copy()
+    if turn == 'twist':
+        rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        moved_to[upper] = points[upper] @ rotation.T
+    else:
+        rotation = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
+        arc = length / angle
+        end = np.array([arc * (1.0 - cos), 0.0, arc * sin - 0.5 * length])
+        moved_to[upper] = end + (points[upper] - [0.0, 0.0, 0.5 * length]) @ rotation.T
+    return (moved_to - points).ravel()
+
+
+def _section_width(model: ShellModel, state: Equilibrium) -> float:
+    """Deformed over undeformed diameter of the middle section, in the plane of bending."""
+    surface = model.surface
+    sides = np.abs(model.rest[:, 0]).max() * np.stack([X, -X])
+    place = surface.closest_point(model.rest, sides)
+    now = surface.evaluate(state.positions, place.triangle, place.parameters).position
+    before = np.linalg.norm(place.position[0] - place.position[1])
+    return float(np.linalg.norm(now[0] - now[1]) / before)
+
+
+def _moved_supports(model: ShellModel, targets: Array, steps: int) -> Equilibrium:
+    """Equilibrium with the supports moved to `targets` (steps, k) one after the other [m]."""
+    solver = EquilibriumSolver(model, NewtonOptions(largest_move=40.0))
+    state = solver.rest()
+    for target in targets.reshape(steps, -1):
+        case = LoadCase((), np.zeros(0), np.zeros(0), support_target=target)
+        state = solver.solve(case, state)
+    return state
+
+
+def problems() -> Iterator[Verified]:
+    """All closed forms; the strip rolled to a circle is among the problems of Sze, Liu & Lo."""
+    yield from clamped_plate()
+    yield slit_tube()
+    for turn in ('twist', 'bend'):
+        for theory in ('koiter', 'linear'):
+            yield turned_tube(theory, turn)

@@ -162,6 +162,23 @@ def test_a_published_row_that_was_not_recorded_is_kept_with_dashes(page: Path) -
     assert '6.05' in line and '<td class="synthetic">–</td>' in line
 
 
+def test_a_difference_within_the_noise_floor_is_not_made_bold(
+    tmp_path: Path, scenes: list[RowScene], results: dict
+) -> None:
+    text = write_report(results, scenes, tmp_path, {}).read_text()
+    first, second = (
+        next(part for part in text.split('<tr>') if f'>{scene.force_n:.2f}</td>' in part)
+        for scene in scenes
+    )
+    assert 'best' not in first and second.count('best') == 1
+
+
+def test_verdicts_stand_under_the_table(tmp_path: Path, results: dict) -> None:
+    rows = [{**row, 'verdict': 'no verdict: within the floor'} for row in results['rows']]
+    text = write_report({**results, 'rows': rows}, [], tmp_path, {}).read_text()
+    assert text.count('no verdict: within the floor') == 2
+
+
 def test_the_page_asks_the_network_for_nothing_and_is_small(page: Path) -> None:
     text = page.read_text()
     links = re.findall(r'(?:src|href)\s*=\s*"(?!data:|#)([^"]+)"', text)

@@ -56,14 +56,13 @@ def _table(
         if match is not None:
             left.remove(match)
         errors = [row['theories'].get(name, {}).get('mean_error_m') for name in theories]
-        known = [value for value in errors if value is not None]
         yield {
             'order': force,
             'newton': f'{force:.2f}',
             **_published_cells(match, predictions),
             'measured': _milli(row.get('measured_max_displacement_m')),
             'errors': [_milli(value, 3) for value in errors],
-            'best': errors.index(min(known)) if known else None,
+            'best': _unbeaten(errors, _floor(row)),
             'floor': _milli(row.get('noise_floor_m'), 3),
         }
     for match in left:
@@ -73,9 +72,22 @@ def _table(
             **_published_cells(match, predictions),
             'measured': '–',
             'errors': ['–'] * len(theories),
-            'best': None,
+            'best': set(),
             'floor': '–',
         }
+
+
+def _floor(row: Mapping[str, Any]) -> float:
+    known = [row.get('noise_floor_m'), row.get('undeformed_residual_m')]
+    return max((value for value in known if value is not None), default=0.0)
+
+
+def _unbeaten(errors: Sequence[float | None], floor: float) -> set[int]:
+    """Which errors none undercuts by more than `floor`; nothing if that holds for all."""
+    known = {k: value for k, value in enumerate(errors) if value is not None}
+    least = min(known.values(), default=0.0)
+    found = {k for k, value in known.items() if value - least <= floor}
+    return found if len(found) < len(known) else set()
 
 
 def _published_cells(row: PublishedRow | None, predictions: Sequence[str]) -> dict[str, list[str]]:
@@ -180,6 +192,11 @@ def write_report(
         theories=theories,
         kind=kind,
         table=sorted(_table(rows, theories, published, predictions), key=lambda row: row['order']),
+        verdicts=[
+            (f'{float(row["force_n"]):.2f} N', row['verdict'])
+            for row in rows
+            if row.get('verdict')
+        ],
         statistics=list(STATISTICS),
         detail=list(_detail(rows, theories)),
         rows=[

@@ -15,9 +15,10 @@ from shell_deform.model import ShellModel
 from shell_deform.objects import ObjectError, ShellObject, Support, object_mesh
 from shell_deform.supports import (
     SupportRows,
+    clamp,
     hold_position,
-    hold_slope,
     joined,
+    symmetry,
 )
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.limit import LimitSurface
@@ -75,12 +76,18 @@ def object_contacts(
 ) -> tuple[ContactPatch, ...]:
     """Contact patches at the contacts the object declares, of `radius` [m] or their own.
 
+    A pin presses evenly, a pad as two smooth bodies do.
+
     Raises ObjectError when it declares none.
     """
     if not shell_object.contacts:
         raise ObjectError(f'{shell_object.name}: no contacts; add contacts: [{{at_m: …}}]')
     return tuple(
-        model.contact(np.array(contact.at_m), radius or contact.radius_m)
+        model.contact(
+            np.array(contact.at_m),
+            radius or contact.radius_m,
+            profile='hertz' if contact.kind == 'pad' else 'uniform',
+        )
         for contact in shell_object.contacts
     )
 
@@ -144,17 +151,13 @@ def _support_rows(
     normal = surface.vertex_normals(mesh.vertices)[at]
     across = np.cross(normal, along[rows])
     if support.kind == 'clamped':
-        return [hold_position(shell, at, everything), hold_slope(shell, at, across, everything)]
+        return clamp(shell, at, across)
     if plane is None:
         mean = across.mean(axis=0)
         plane = everything[int(np.argmax(np.abs(mean)))]
-    in_plane = np.linalg.svd(plane[None])[2][1:]
     if support.kind == 'diaphragm':
-        return [hold_position(shell, at, in_plane)]
-    return [
-        hold_position(shell, at, plane[None]),
-        hold_slope(shell, at, np.tile(plane, (len(at), 1)), in_plane),
-    ]
+        return [hold_position(shell, at, np.linalg.svd(plane[None])[2][1:])]
+    return symmetry(shell, at, plane)
 
 
 def _where(

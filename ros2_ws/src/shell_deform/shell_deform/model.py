@@ -86,9 +86,11 @@ class ShellModel:
         """Volume inside the undeformed middle surface [m^3]."""
         return self.shell.volume(self.rest)[0]
 
-    def contact(self, at: Array, radius: float, axis: Array | None = None) -> ContactPatch:
+    def contact(
+        self, at: Array, radius: float, axis: Array | None = None, profile: str = 'uniform'
+    ) -> ContactPatch:
         """Contact patch of `radius` [m] nearest to `at` (3,) [m], pushed along `axis`."""
-        return contact_patch(self.surface, at, radius, axis)
+        return contact_patch(self.surface, at, radius, axis, profile)
 
     @cached_property
     def _fixed_values(self) -> Array:

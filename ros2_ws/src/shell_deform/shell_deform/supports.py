@@ -119,6 +119,26 @@ def hold_slope(
     return _springs(shell, vertices, directions, across)
 
 
+def clamp(shell: Discretisation, vertices: Index, across: Array) -> list[SupportRows]:
+    """Conditions of a clamped edge; `across` (3,) or (v, 3) points from it into the surface."""
+    everything = np.eye(3)
+    directions = np.broadcast_to(across, (len(vertices), 3))
+    return [
+        hold_position(shell, vertices, everything),
+        hold_slope(shell, vertices, directions, everything),
+    ]
+
+
+def symmetry(shell: Discretisation, vertices: Index, normal: Array) -> list[SupportRows]:
+    """Conditions of a plane of symmetry with unit `normal` (3,), crossed at a right angle."""
+    in_plane = np.linalg.svd(np.asarray(normal, dtype=float)[None])[2][1:]
+    across = np.tile(normal, (len(vertices), 1))
+    return [
+        hold_position(shell, vertices, np.asarray(normal, dtype=float)[None]),
+        hold_slope(shell, vertices, across, in_plane),
+    ]
+
+
 def _springs(
     shell: Discretisation, vertices: Index, directions: Array, across: Array | None
 ) -> SupportRows:

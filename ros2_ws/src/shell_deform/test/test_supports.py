@@ -4,24 +4,25 @@ import numpy as np
 import pytest
 
 from shell_deform.assemble import discretise
+from shell_deform.loads import line_load
 from shell_deform.model import ShellModel
 from shell_deform.readout import support_forces
 from shell_deform.solve.equilibrium import LoadCase
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.supports import (
     SupportError,
+    clamp,
     free_rigid_modes,
     hold_position,
     hold_slope,
     isostatic_dofs,
     joined,
     rigid_modes,
+    symmetry,
     vertex_parameters,
 )
 from shell_deform.theory.material import Material
 from shell_deform.verification.grid_surface import grid_surface
-from shell_deform.verification.linear_course import symmetry
-from shell_deform.verification.sze import clamped, edge_load
 
 X, Y, Z = np.eye(3)
 LENGTH, WIDTH, THICKNESS = 1.0, 0.1, 0.01
@@ -51,8 +52,8 @@ def uniform(shell, total):
 
 def test_clamped_edge_gives_the_cantilevers_deflection():
     grid, shell = strip()
-    load = edge_load(shell, grid.edge('s1'), 0.1 * Z)
-    _, moved, _ = loaded(shell, clamped(shell, grid.edge('s0'), X), load)
+    load = line_load(shell.mesh, grid.edge('s1'), 0.1 * Z)
+    _, moved, _ = loaded(shell, clamp(shell, grid.edge('s0'), X), load)
     expected = 0.1 * LENGTH**3 / (3.0 * BENDING)
     assert moved[grid.edge('s1'), 2].mean() == pytest.approx(expected, rel=2e-3)
 
@@ -85,7 +86,7 @@ def test_half_a_strip_with_a_symmetric_edge_deflects_like_the_whole():
 def test_support_forces_balance_the_load_to_eight_digits():
     grid, shell = strip()
     load = uniform(shell, 0.1 * Z)
-    model, _, state = loaded(shell, clamped(shell, grid.edge('s0'), X), load)
+    model, _, state = loaded(shell, clamp(shell, grid.edge('s0'), X), load)
     reaction = support_forces(model, state.positions, load)
     np.testing.assert_allclose(reaction.sum(axis=0), -0.1 * Z, atol=1e-8 * 0.1)
     moment = np.cross(state.positions, reaction + load).sum(axis=0)
@@ -97,14 +98,14 @@ def test_support_forces_balance_the_load_to_eight_digits():
 def test_a_held_point_moves_only_by_the_ratio_of_the_stiffnesses():
     grid, shell = strip()
     _, moved, _ = loaded(
-        shell, clamped(shell, grid.edge('s0'), X), edge_load(shell, grid.edge('s1'), 1.0 * X)
+        shell, clamp(shell, grid.edge('s0'), X), line_load(shell.mesh, grid.edge('s1'), 1.0 * X)
     )
     assert np.abs(moved[grid.edge('s0')]).max() < 1e-3 * moved[grid.edge('s1'), 0].mean()
 
 
 def test_support_target_moves_the_edge():
     grid, shell = strip()
-    supports = clamped(shell, grid.edge('s0'), X)
+    supports = clamp(shell, grid.edge('s0'), X)
     pulled = hold_position(shell, grid.edge('s1'), X[None])
     model = ShellModel(shell, supports=joined([*supports, pulled]))
     target = np.zeros(len(model.supports.stiffness))
@@ -121,7 +122,7 @@ def test_support_target_moves_the_edge():
 
 def test_springs_enter_the_stiffness_as_they_enter_the_force():
     grid, shell = strip()
-    supports = joined(clamped(shell, grid.edge('s0'), X))
+    supports = joined(clamp(shell, grid.edge('s0'), X))
     moved = np.random.default_rng(2).normal(size=(len(shell.mesh.vertices), 3))
     matrix = shell.pattern.matrix(supports.stiffness_values(shell))
     force = supports.force(moved)

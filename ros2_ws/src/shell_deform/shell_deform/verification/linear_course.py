@@ -11,11 +11,12 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from shell_deform.assemble import Discretisation, discretise
+from shell_deform.assemble import discretise
+from shell_deform.loads import surface_load
 from shell_deform.model import ShellModel
 from shell_deform.solve.equilibrium import LoadCase, forced
 from shell_deform.solve.newton import EquilibriumSolver, borders
-from shell_deform.supports import hold_position, hold_slope, joined
+from shell_deform.supports import hold_position, joined, symmetry
 from shell_deform.surface.control_mesh import control_mesh, moved
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.theory.material import Material
@@ -40,11 +41,6 @@ def first_order(model: ShellModel, case: LoadCase) -> Array:
     return solver.respond(solver.rest(), edge, load[:, None])[:, 0].reshape(-1, 3)
 
 
-def area_load(shell: Discretisation, pressure: Array) -> Array:
-    """Nodal forces (n, 3) of a load per undeformed area (3,)."""
-    return np.outer(shell.value_matrix().T @ shell.weights, pressure)
-
-
 def scordelis_lo(cells: int = 32) -> Verified:
     """Roof under its weight: vertical sag of the middle of the free edge."""
     data = references()['linear_obstacle_course']['scordelis_lo']
@@ -59,7 +55,7 @@ def scordelis_lo(cells: int = 32) -> Verified:
         shell = discretise(grid.mesh, Material(data['E'], data['nu']), data['h'])
         ends = np.concatenate([grid.edge('t0'), grid.edge('t1')])
         model = ShellModel(shell, supports=hold_position(shell, ends, np.stack([X, Z])))
-        case = LoadCase((), np.zeros(0), np.zeros(0), dead_load=area_load(shell, -90.0 * Z))
+        case = LoadCase((), np.zeros(0), np.zeros(0), dead_load=surface_load(shell, -90.0 * Z))
         moved_by = first_order(model, case)
         probe = point_load(model, int(grid.edge('s0')[cells // 2]), -Z)
         sag = float(probe.centre @ moved_by @ probe.axis)
@@ -151,16 +147,6 @@ def upper_half_sphere(radius: float, subdivisions: int):  # type: ignore[no-unty
         limit = surface.limit_positions(points)
         points = points + radius * limit / np.linalg.norm(limit, axis=1)[:, None] - limit
     return moved(mesh, points)
-
-
-def symmetry(shell: Discretisation, vertices: NDArray[np.int64], normal: Array) -> list:
-    """Conditions of a plane of symmetry through an edge that crosses it at a right angle."""
-    in_plane = np.stack([axis for axis in np.eye(3) if abs(axis @ normal) < 0.5])
-    across = np.tile(normal, (len(vertices), 1))
-    return [
-        hold_position(shell, vertices, normal[None]),
-        hold_slope(shell, vertices, across, in_plane),
-    ]
 
 
 def unheld(case: LoadCase) -> LoadCase:

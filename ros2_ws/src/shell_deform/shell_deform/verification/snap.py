@@ -18,10 +18,10 @@ from shell_deform.model import ShellModel
 from shell_deform.solve.continuation import ArcLengthOptions, Path, follow_path
 from shell_deform.solve.equilibrium import LoadCase, forced
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
-from shell_deform.supports import hold_position, joined
+from shell_deform.supports import hold_position, joined, symmetry
 from shell_deform.theory.material import Material
 from shell_deform.verification.grid_surface import fine_at_start, grid_surface
-from shell_deform.verification.linear_course import symmetry, unheld
+from shell_deform.verification.linear_course import unheld
 from shell_deform.verification.problem import Verified, point_load, stopwatch, used_vertices
 
 Array = NDArray[np.float64]

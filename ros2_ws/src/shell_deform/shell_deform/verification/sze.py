@@ -12,13 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.assemble import Discretisation, discretise
-from shell_deform.loads import ContactPatch
+from shell_deform.assemble import discretise
+from shell_deform.loads import ContactPatch, line_load
 from shell_deform.model import ShellModel
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, forced
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
-from shell_deform.supports import SupportRows, hold_position, hold_slope, joined
-from shell_deform.surface.loop_basis import basis_rows
+from shell_deform.supports import clamp, hold_slope, joined, symmetry
 from shell_deform.theory.material import Material
 from shell_deform.verification.grid_surface import (
     GridSurface,
@@ -27,7 +26,7 @@ from shell_deform.verification.grid_surface import (
     fine_at_start,
     grid_surface,
 )
-from shell_deform.verification.linear_course import symmetry, unheld
+from shell_deform.verification.linear_course import unheld
 from shell_deform.verification.problem import (
     Verified,
     point_load,
@@ -88,7 +87,7 @@ def cantilever_shear(cells: tuple[int, int] = (40, 4)) -> Curve:
     data = references()['sze_cantilever_shear']
     with stopwatch() as watch:
         model, grid = _strip(data, cells)
-        load = edge_load(model.shell, grid.edge('s1'), Z * data['Pmax'])
+        load = line_load(model.shell.mesh, grid.edge('s1'), Z * data['Pmax'])
         tip = point_load(model, int(grid.edge('s1')[cells[1] // 2]), Z)
         states, message = _ramp(model, (), load, np.array(data['data'])[:, 0])
         ours = np.array([_motion(model, s, tip) for s in states])
@@ -108,7 +107,7 @@ def cantilever_moment(cells: tuple[int, int] = (80, 4)) -> Curve:
         shell = model.shell
         end = grid.edge('s1')
         turn = hold_slope(shell, end, np.tile(X, (len(end), 1)), np.stack([X, Z]))
-        root = clamped(shell, grid.edge('s0'), X)
+        root = clamp(shell, grid.edge('s0'), X)
         model = ShellModel(shell, supports=joined([*root, turn]))
         fixed = sum(len(part.stiffness) for part in root)
         edge_length = np.sqrt(shell.area / int(shell.mesh.active.sum()))
@@ -145,8 +144,8 @@ def slit_annulus(cells: tuple[int, int] = (8, 64)) -> Curve:
     with stopwatch() as watch:
         grid = grid_surface(plate, cells)
         shell = discretise(grid.mesh, Material(data['E'], data['nu']), data['h'])
-        model = ShellModel(shell, supports=joined(clamped(shell, grid.edge('t0'), Y)))
-        load = edge_load(shell, grid.edge('t1'), Z * 0.8 * (outer - inner))
+        model = ShellModel(shell, supports=joined(clamp(shell, grid.edge('t0'), Y)))
+        load = line_load(shell.mesh, grid.edge('t1'), Z * 0.8 * (outer - inner))
         probes = [point_load(model, grid.corner(s, 1), Z) for s in (0, 1)]
         fractions = np.array(data['data'])[:, 0]
         states, message = _ramp(model, (), load, fractions)
@@ -241,48 +240,6 @@ def shear_dent(load: float, modulus: float, poisson: float, thickness: float) ->
     return load / (2.0 * np.pi * 5.0 / 6.0 * shear_modulus * thickness)
 
 
-def clamped(shell: Discretisation, edge: NDArray[np.int64], across: Array) -> list[SupportRows]:
-    """Conditions of a clamped edge with `across` pointing from it into the surface."""
-    everything = np.eye(3)
-    return [
-        hold_position(shell, edge, everything),
-        hold_slope(shell, edge, np.tile(across, (len(edge), 1)), everything),
-    ]
-
-
-def edge_load(shell: Discretisation, edge: NDArray[np.int64], total: Array) -> Array:
-    """Nodal forces (n, 3) of a total force (3,) spread evenly along an edge of a grid.
-
-    The limit curve of an edge is integrated by Gauss points on the mesh edges.
-    """
-    mesh = shell.mesh
-    nodes, weights = np.polynomial.legendre.leggauss(4)
-    places, gauss = 0.5 * (nodes + 1.0), 0.5 * weights
-    values, length = np.zeros(len(mesh.vertices)), 0.0
-    for a, b in zip(edge[:-1], edge[1:], strict=True):
-        triangle, corner_a, corner_b = _triangle_of(mesh.triangles, mesh.active, int(a), int(b))
-        unit = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        step = unit[corner_b] - unit[corner_a]
-        rows = basis_rows(mesh, np.full(4, triangle), unit[corner_a] + places[:, None] * step)
-        of = np.repeat(np.arange(4), np.diff(rows.node_offsets))
-        along = np.zeros((4, 3))
-        slope = rows.first @ step
-        np.add.at(along, of, slope[:, None] * mesh.vertices[rows.nodes])
-        weight = gauss * np.linalg.norm(along, axis=1)
-        np.add.at(values, rows.nodes, weight[of] * rows.values)
-        length += float(weight.sum())
-    return np.outer(values / length, total)
-
-
-def _triangle_of(
-    triangles: NDArray[np.int32], active: NDArray[np.bool_], a: int, b: int
-) -> tuple[int, int, int]:
-    both = active & np.any(triangles == a, axis=1) & np.any(triangles == b, axis=1)
-    triangle = int(np.flatnonzero(both)[0])
-    corners = triangles[triangle].tolist()
-    return triangle, corners.index(a), corners.index(b)
-
-
 def _strip(data: dict, cells: tuple[int, int]) -> tuple[ShellModel, GridSurface]:
     length, width = data['L'], data['b']
 
@@ -291,7 +248,7 @@ def _strip(data: dict, cells: tuple[int, int]) -> tuple[ShellModel, GridSurface]
 
     grid = grid_surface(flat, cells)
     shell = discretise(grid.mesh, Material(data['E'], data['nu']), data['h'])
-    return ShellModel(shell, supports=joined(clamped(shell, grid.edge('s0'), X))), grid
+    return ShellModel(shell, supports=joined(clamp(shell, grid.edge('s0'), X))), grid
 
 
 def _driven(load: ContactPatch, depth: float) -> LoadCase:

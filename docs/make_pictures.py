@@ -378,7 +378,7 @@ def draw_what_if() -> Path:
         _wait(page, 'serving')
         tab.goto(f'http://127.0.0.1:{port}')
         tab.wait_for_selector('.grasp-legend')
-        force = tab.get_by_label('Finger 1 (N)', exact=True).last
+        force = tab.locator('input[value="5"]').first
         force.fill('15')
         force.press('Enter')
         deadline = time.monotonic() + 60

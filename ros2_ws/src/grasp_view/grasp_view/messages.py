@@ -95,13 +95,18 @@ def _column(points: np.ndarray, name: str, default: float) -> Floats:
 def read_surface(message: PointCloud2) -> Surface:
     """`deformation/surface`, `linear` or `nonlinear`."""
     points = cloud_array(message)
+    position = _columns(points, ('x', 'y', 'z'))
     moved = _columns(points, ('ux', 'uy', 'uz'))
+    known = int(np.isfinite(np.hstack([position, moved])).all(axis=1).sum())
+    if known < len(points):
+        raise MessageError(f'{len(points) - known} of {len(points)} vertices are not finite')
     names = points.dtype.names or ()
     energy = next((name for name in ('strain_energy', 'energy_density') if name in names), None)
     return Surface(
         seconds(message.header.stamp),
         message.header.frame_id,
-        np.where(np.isfinite(moved), moved, 0.0).astype(np.float32),
+        position.astype(np.float32),
+        moved.astype(np.float32),
         _column(points, 'sigma', np.nan).astype(np.float32),
         None if energy is None else points[energy].astype(np.float32),
     )

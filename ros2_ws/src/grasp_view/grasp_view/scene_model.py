@@ -35,7 +35,7 @@ FLAG_NAMES = {
 
 @dataclass(frozen=True)
 class Mesh:
-    """Topology and rest positions: triangles (t, 3), rest (n, 3)."""
+    """Topology and rest positions at the time it was sent: triangles (t, 3), rest (n, 3)."""
 
     triangles: Ints
     rest: Floats
@@ -43,10 +43,14 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Surface:
-    """One answer: displacement vectors (n, 3), sigma (n,), energy density (n,) if published."""
+    """One answer: positions, displacement vectors (n, 3), sigma, energy density if published (n,).
+
+    The rest shape is taken from here, not from the mesh: it follows an object that moves.
+    """
 
     stamp: float
     frame: str
+    position: Floats
     moved: Floats
     sigma: Floats
     energy: Floats | None = None
@@ -148,13 +152,12 @@ def values_of(snapshot: Snapshot, quantity: Quantity, shape: Shape) -> Floats | 
     if error is None or error.distance is None or not len(error.points):
         return None
     points = snapshot.in_scene(error.frame).points(error.points)
-    return vertex_scan_error(deformed(snapshot, surface), points, error.distance) * quantity.factor
+    return vertex_scan_error(deformed(surface), points, error.distance) * quantity.factor
 
 
-def deformed(snapshot: Snapshot, surface: Surface, exaggeration: float = 1.0) -> Floats:
+def deformed(surface: Surface, exaggeration: float = 1.0) -> Floats:
     """Vertex positions (n, 3) of an answer, its displacement multiplied by `exaggeration`."""
-    assert snapshot.mesh is not None
-    return snapshot.mesh.rest + exaggeration * surface.moved
+    return surface.position + (exaggeration - 1.0) * surface.moved
 
 
 def vertex_scan_error(vertices: Floats, points: Floats, distance: Floats) -> Floats:

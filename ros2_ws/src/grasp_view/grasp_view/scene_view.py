@@ -36,6 +36,7 @@ from .unlit_mesh import unlit_glb
 SCALE = 20.0
 METRES_PER_NEWTON = 1.2e-3
 LABELS = 8
+REST_MOVED_M = 2e-5
 BODIES = 10
 FORCE, FLAGGED = (20, 20, 20), (200, 60, 20)
 
@@ -94,6 +95,7 @@ class SceneView:
         self._labels: list[viser.LabelHandle] = []
         self._drawn: dict[str, object] = {}
         self._aimed: Floats | None = None
+        self._rest_drawn: Floats | None = None
 
     def _changed(self, part: str, *what: object) -> bool:
         """Whether any object behind `part` is another one than at the last call."""
@@ -149,7 +151,7 @@ class SceneView:
         values = values_of(snapshot, quantity, options.shape)
         most = largest(values)
         top = scale.follow(most)
-        vertices = deformed(snapshot, surface, options.exaggeration) * SCALE
+        vertices = deformed(surface, options.exaggeration) * SCALE
         index = surface_colours(values, len(vertices), top)
         self._show(unlit_glb(vertices, snapshot.mesh.triangles, RENDERER_TABLE[index]))
         self._show_mesh_lines(vertices, snapshot, options)
@@ -247,14 +249,26 @@ class SceneView:
             client.camera.look_at = middle
 
     def _draw_rest(self, snapshot: Snapshot, options: ViewOptions) -> None:
-        if not self._changed('rest', snapshot.mesh, options.rest):
-            return
+        surface = snapshot.surface(options.shape)
         if snapshot.mesh is None or not options.rest:
             self._hide(self._rest)
+            self._drawn.pop('rest', None)
+            return
+        rest = snapshot.mesh.rest if surface is None else deformed(surface, 0.0)
+        drawn, self._rest_drawn = self._rest_drawn, rest
+        still = (
+            drawn is not None
+            and drawn.shape == rest.shape
+            and bool(np.abs(drawn - rest).max(initial=0.0) < REST_MOVED_M)
+        )
+        if still:
+            # Small steps add up: what counts is the distance to what is on the screen.
+            self._rest_drawn = drawn
+        if not self._changed('rest', snapshot.mesh) and still:
             return
         self._rest = self._scene.add_mesh_simple(
             '/rest',
-            snapshot.mesh.rest * SCALE,
+            rest * SCALE,
             snapshot.mesh.triangles,
             color=(120, 120, 120),
             opacity=0.25,

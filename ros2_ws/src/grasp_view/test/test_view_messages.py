@@ -102,6 +102,13 @@ def test_a_field_beyond_the_point_is_refused() -> None:
         cloud_array(message)
 
 
+def test_a_surface_with_nan_is_left_out_with_their_number() -> None:
+    points = surface_points(4)
+    points['uy'][1] = np.nan
+    with pytest.raises(MessageError, match='1 of 4 vertices'):
+        read_surface(cloud(points))
+
+
 def test_an_empty_cloud_is_empty() -> None:
     assert len(read_cloud(cloud(surface_points(0)), 10).points) == 0
 

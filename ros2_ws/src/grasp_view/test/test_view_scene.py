@@ -26,6 +26,7 @@ from grasp_view.scene_model import (
     Snapshot,
     Surface,
     arrows,
+    deformed,
     friction_cones,
     level_lines,
     surface_colours,
@@ -41,7 +42,7 @@ MESH = Mesh(np.asarray(BALL.faces), np.asarray(BALL.vertices))
 def pushed(depth: float) -> Surface:
     moved = np.zeros_like(MESH.rest)
     moved[MESH.rest[:, 0] > 0.9 * RADIUS, 0] = -depth
-    return Surface(1.0, 'object', moved, np.full(len(moved), 1e-4))
+    return Surface(1.0, 'object', MESH.rest + moved, moved, np.full(len(moved), 1e-4))
 
 
 def contacts(frame: str = 'object', flags: int = 1) -> Contacts:
@@ -61,6 +62,12 @@ def contacts(frame: str = 'object', flags: int = 1) -> Contacts:
 def test_displacement_is_shown_in_millimetres() -> None:
     values = values_of(Snapshot(mesh=MESH, served=pushed(0.004)), DISPLACEMENT, 'served')
     assert values is not None and values.max() == pytest.approx(4.0)
+
+
+def test_exaggeration_starts_from_the_rest_shape_of_the_answer() -> None:
+    surface = pushed(0.002)
+    assert np.allclose(deformed(surface, 0.0), MESH.rest)
+    assert np.allclose(deformed(surface, 3.0) - MESH.rest, 3 * surface.moved)
 
 
 def test_linear_minus_nonlinear_needs_both() -> None:
@@ -90,7 +97,7 @@ def test_scan_error_is_known_only_where_the_scanner_saw() -> None:
 
 
 def test_an_answer_of_another_mesh_is_not_drawn() -> None:
-    other = replace(pushed(0.001), moved=np.zeros((5, 3)), sigma=np.zeros(5))
+    other = replace(pushed(0.001), position=np.zeros((5, 3)), moved=np.zeros((5, 3)))
     snapshot = Snapshot(mesh=MESH, served=other)
     assert all(values_of(snapshot, q, 'served') is None for q in QUANTITIES.values())
 

@@ -178,6 +178,74 @@ def replaying(folder: Path, seconds: int) -> Iterator[Row]:
     yield f'{what}: lateness 99 %', f'{1e3 * report["lateness_p99_s"]:.2f} ms', '<= 5 ms'
 
 
+def offline() -> Iterator[Row]:
+    """Bag seconds per second: linear theory at every sample, koiter theory at every hold."""
+    from grasp_replay.experiment import read_experiment
+    from grasp_replay.holds import holds_of
+    from grasp_replay.pipeline import PipelineOptions, run
+    from grasp_replay.recording import read_recording
+    from grasp_replay.sample_trace import trace_samples
+    from grasp_replay.theories import theory_set
+
+    bag_path = Path(__file__).parents[2] / 'bags' / 'tennis_ball_two_finger'
+
+    def solve_all() -> float:
+        recording = read_recording(bag_path)
+        held = [h.contacts for h in holds_of(recording, read_experiment(bag_path)) if h.contacts]
+        shell = theory_set('tennis_ball', held[0].point, float(held[0].radius.min()))
+        trace_samples(recording, shell)
+        state = None
+        for contacts in held:
+            patches = shell.patches(contacts)
+            state = shell.solve('koiter', patches, contacts.push, state).state
+        return recording.duration
+
+    for attempt in ('with the first compilation', 'warm'):
+        clock, cpu = time.perf_counter(), time.process_time()
+        duration = solve_all()
+        clock, cpu = time.perf_counter() - clock, time.process_time() - cpu
+        yield (
+            f'offline, linear every sample and koiter every hold, {attempt}',
+            f'{duration / clock:.1f} x real time ({clock:.2f} s, processor {cpu:.2f} s)',
+            '>= 10 x' if attempt == 'warm' else '',
+        )
+    cpu = time.process_time()
+    run(bag_path, PipelineOptions())
+    cpu = time.process_time() - cpu
+    yield (
+        'offline, three theories, fit and comparison with every scan',
+        f'{duration / cpu:.1f} x real time (processor {cpu:.2f} s)',
+        '',
+    )
+
+
+def throughput(folder: Path) -> Iterator[Row]:
+    """Eight tasks on one and on two processes, the start of the workers left out."""
+    from grasp_replay.campaign import Task, run_campaign
+
+    bag_path = Path(__file__).parents[2] / 'bags' / 'tennis_ball_two_finger'
+    tasks = [
+        Task(bag_path, (('young_modulus_pa', 12e6 + 1e5 * k),), None, 'object', False, True)
+        for k in range(9)
+    ]
+    seconds = {}
+    for processes in (1, 2):
+        done: list[float] = []
+        run_campaign(
+            tasks[: 8 + processes - 1],
+            folder / f'processes_{processes}',
+            processes,
+            show=lambda _share, _note, done=done: done.append(time.perf_counter()),  # type: ignore[misc]
+        )
+        # From the first answer on every worker is loaded and warm.
+        seconds[processes] = (done[-1] - done[0]) / (len(done) - 1)
+    yield (
+        '8 tasks, throughput of two processes over one',
+        f'{seconds[1] / seconds[2]:.2f} ({seconds[1]:.1f} s a task alone)',
+        '>= 1.7',
+    )
+
+
 def rows(long: bool = False) -> Iterator[Row]:
     """Every figure as (what, value, goal)."""
     with tempfile.TemporaryDirectory() as name:
@@ -186,6 +254,8 @@ def rows(long: bool = False) -> Iterator[Row]:
         yield from replaying(folder, 30 if long else 10)
         yield from mutations(folder, 100_000 if long else 2000)
         yield from memory(folder, long)
+        yield from offline()
+        yield from throughput(folder)
 
 
 def main() -> None:

@@ -6,6 +6,7 @@ any object with the fields of the message and trusts none of its numbers.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -23,26 +24,12 @@ def cloud_columns(message: Any) -> dict[str, NDArray[Any]]:
     Fields with more than one element per point become (points, count). Raises BagError when the
     message contradicts itself.
     """
-    order = '>' if message.is_bigendian else '<'
     step, width, height = int(message.point_step), int(message.width), int(message.height)
-    names, formats, offsets = [], [], []
-    for field in message.fields:
-        if field.datatype not in DATATYPES:
-            raise BagError(f'cloud field {field.name!r} has unknown datatype {field.datatype}')
-        count = max(1, int(field.count))
-        if count > 65535:
-            raise BagError(f'cloud field {field.name!r} has {count} elements per point')
-        kind = np.dtype((order + DATATYPES[field.datatype], (count,) if count > 1 else ()))
-        if field.offset + kind.itemsize > step:
-            raise BagError(
-                f'cloud field {field.name!r} ends at byte {field.offset + kind.itemsize} of a '
-                f'point of {step} bytes'
-            )
-        names.append(field.name)
-        formats.append(kind)
-        offsets.append(int(field.offset))
-    if len(set(names)) != len(names):
-        raise BagError(f'a cloud names a field twice: {names}')
+    layout = _layout(
+        tuple((field.name, field.offset, field.datatype, field.count) for field in message.fields),
+        bool(message.is_bigendian),
+        step,
+    )
     data = np.asarray(message.data, dtype=np.uint8)
     rows = int(message.row_step) if height > 1 else step * width
     if rows < step * width or len(data) < (height - 1) * rows + step * width:
@@ -50,11 +37,46 @@ def cloud_columns(message: Any) -> dict[str, NDArray[Any]]:
             f'a cloud of {width} x {height} points of {step} bytes has {len(data)} bytes of data'
         )
     if width * height == 0:
-        return {name: np.zeros(0, kind) for name, kind in zip(names, formats, strict=True)}
-    layout = np.dtype({'names': names, 'formats': formats, 'offsets': offsets, 'itemsize': step})
-    used = [data[row * rows : row * rows + step * width] for row in range(height)]
-    points = np.concatenate(used).view(layout) if height > 1 else used[0].view(layout)
-    return {name: points[name] for name in names}
+        points = np.zeros(0, layout)
+    elif height == 1:
+        points = data[: step * width].view(layout)
+    else:
+        used = [data[row * rows : row * rows + step * width] for row in range(height)]
+        points = np.concatenate(used).view(layout)
+    return {name: points[name] for name in layout.names or ()}
+
+
+@lru_cache(maxsize=16)
+def _layout(
+    fields: tuple[tuple[str, int, int, int], ...], is_bigendian: bool, step: int
+) -> np.dtype[Any]:
+    """The structured type of one point; raises BagError."""
+    order = '>' if is_bigendian else '<'
+    formats = []
+    for name, offset, datatype, elements in fields:
+        if datatype not in DATATYPES:
+            raise BagError(f'cloud field {name!r} has unknown datatype {datatype}')
+        count = max(1, int(elements))
+        if count > 65535:
+            raise BagError(f'cloud field {name!r} has {count} elements per point')
+        kind = np.dtype((order + DATATYPES[datatype], (count,) if count > 1 else ()))
+        if offset + kind.itemsize > step:
+            raise BagError(
+                f'cloud field {name!r} ends at byte {offset + kind.itemsize} of a point of '
+                f'{step} bytes'
+            )
+        formats.append(kind)
+    names = [field[0] for field in fields]
+    if len(set(names)) != len(names):
+        raise BagError(f'a cloud names a field twice: {names}')
+    return np.dtype(
+        {
+            'names': names,
+            'formats': formats,
+            'offsets': [field[1] for field in fields],
+            'itemsize': step,
+        }
+    )
 
 
 def matrix(columns: dict[str, NDArray[Any]], names: tuple[str, ...]) -> NDArray[np.float64]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from bisect import bisect_right
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -50,10 +51,10 @@ class Recording:
 
     def pose_at(self, stamp: int) -> Pose | None:
         """The last pose at or before `stamp`, else the first; None without poses."""
-        before = [pose for time, pose in self.poses if time <= stamp]
-        if before:
-            return before[-1]
-        return self.poses[0][1] if self.poses else None
+        if not self.poses:
+            return None
+        place = bisect_right(self.poses, stamp, key=lambda item: item[0])
+        return self.poses[max(0, place - 1)][1]
 
 
 def read_recording(path: Path) -> Recording:
@@ -144,8 +145,6 @@ def _pose(message: Any) -> Pose:
 
 def in_object_frame(sample: ContactSample, pose: Pose = IDENTITY) -> ContactSample:
     """The sample with points, normals and forces turned into the object's frame."""
-    from dataclasses import replace
-
     return replace(
         sample,
         point=pose.to_object(sample.point),

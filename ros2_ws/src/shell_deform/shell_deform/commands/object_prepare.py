@@ -18,6 +18,8 @@ from shell_deform.objects import load_object
 from shell_deform.objects.file_mesh import UNIT_M, read_triangles, write_control_mesh
 from shell_deform.objects.object_mesh import EDGES_PER_RADIUS
 from shell_deform.objects.prepare import PreparedScan, prepare, vertex_thickness
+from shell_deform.surface import LimitSurface
+from shell_deform.surface.scan_fit import ScanFit
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -117,7 +119,7 @@ def _prepare(options: argparse.Namespace) -> None:
     fit = report['fit']
     print(
         f'{name}: {report["vertices"]} control vertices; scan to surface {1e3 * fit["rms_m"]:.3g} '
-        f'mm rms, of which {1e3 * fit["systematic_m"]:.3g} mm systematic; '
+        f'mm rms, {_systematic(prepared.fit)}; '
         f'{report["scan"]["pieces"]} pieces found, {report["scan"]["holes_closed"]} holes closed, '
         f'{report["open_rims"]} rims open'
     )
@@ -188,6 +190,12 @@ def _report(name: str, prepared: PreparedScan, files: dict[str, str]) -> dict[st
     }
 
 
+def _systematic(fit: ScanFit) -> str:
+    if fit.systematic_m == 0.0:
+        return 'nothing systematic seen above the noise'
+    return f'of which {1e3 * fit.systematic_m:.3g} mm systematic'
+
+
 def _rim_count(edges: npt.NDArray[np.int32]) -> int:
     following = {int(a): int(b) for a, b in edges}
     rims = 0
@@ -200,33 +208,44 @@ def _rim_count(edges: npt.NDArray[np.int32]) -> int:
 
 
 def _draw(path: Path, prepared: PreparedScan) -> None:
-    """Distances of the scan from the fitted face, in space and as a histogram."""
+    """Distances of the scan from the fitted face, on the surface and as a histogram."""
     import matplotlib
 
     matplotlib.use('Agg')
     import matplotlib.pyplot as plt
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    fit = prepared.fit
-    shown = np.flatnonzero(fit.counted)
-    shown = shown[:: max(1, len(shown) // 20_000)]
-    points, distance = 1e3 * prepared.points[shown], 1e3 * fit.distance[shown]
-    limit = max(3.0 * float(np.std(distance)), 1e-6)
-    figure = plt.figure(figsize=(10.0, 4.5), dpi=140)
+    fit, mesh = prepared.fit, prepared.fit.mesh
+    distance, triangle = 1e3 * fit.distance[fit.counted], fit.triangle[fit.counted]
+    count = np.bincount(triangle, minlength=mesh.triangle_count)
+    total = np.bincount(triangle, distance, minlength=mesh.triangle_count)
+    seen = count > 0
+    mean = total[seen] / count[seen]
+    corners = 1e3 * LimitSurface(mesh).limit_positions(mesh.vertices)
+    scale = plt.Normalize(*(np.array([-1.0, 1.0]) * max(np.quantile(np.abs(mean), 0.98), 1e-9)))
+    colours = plt.get_cmap('coolwarm')
+    figure = plt.figure(figsize=(11.0, 4.5), dpi=140)
     space = figure.add_subplot(1, 2, 1, projection='3d')
-    dots = space.scatter(
-        *points.T, c=distance, s=1.0, cmap='coolwarm', vmin=-limit, vmax=limit, linewidths=0
+    space.add_collection3d(
+        Poly3DCollection(corners[mesh.triangles[seen]], facecolors=colours(scale(mean)))
     )
-    space.set_box_aspect(np.ptp(points, axis=0))
-    for axis, label in zip('xyz', ('x (mm)', 'y (mm)', 'z (mm)'), strict=True):
-        getattr(space, f'set_{axis}label')(label)
-    figure.colorbar(dots, ax=space, label='scan outside the fitted face (mm)', shrink=0.7)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    space.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    space.set_box_aspect(high - low)
+    space.set(xlabel='x (mm)', ylabel='y (mm)', zlabel='z (mm)')
+    figure.colorbar(
+        plt.cm.ScalarMappable(scale, colours),
+        ax=space,
+        label='scan outside the fitted face, mean per triangle (mm)',
+        shrink=0.8,
+        pad=0.15,
+    )
     histogram = figure.add_subplot(1, 2, 2)
-    histogram.hist(1e3 * fit.distance[fit.counted], bins=80, range=(-limit, limit))
+    histogram.hist(distance, bins=80)
     histogram.set_xlabel('distance (mm)')
     histogram.set_ylabel('scan points')
     histogram.set_title(
-        f'{fit.mesh.vertex_count} control vertices, {1e3 * fit.rms_m:.3g} mm rms, '
-        f'{1e3 * fit.systematic_m:.3g} mm systematic'
+        f'{mesh.vertex_count} control vertices, {1e3 * fit.rms_m:.3g} mm rms,\n{_systematic(fit)}'
     )
     figure.tight_layout()
     figure.savefig(path, metadata={'Software': None})

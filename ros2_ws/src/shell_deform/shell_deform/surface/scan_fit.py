@@ -15,8 +15,14 @@ from .fit import HOLD, boundary_half_edges, solve_positive
 from .limit import LimitSurface
 from .loop_basis import basis_rows
 
-SMOOTHING = 1e-3
-"""Weight of the bending of the control net against one mean scan point per vertex."""
+SMOOTHINGS = (1e-3, 1e-2, 1e-1, 1.0)
+"""Weights of the bending of the control net against one mean scan point per vertex.
+
+The largest one that leaves nothing systematic is taken: what it smooths away is scanner noise,
+which would otherwise live on in the curvature."""
+
+UNSEEN = 0.02
+"""Systematic part of the distance, as a share of its root mean square, that counts as nothing."""
 
 CELLS = 4
 """Each triangle is divided that often along its sides; points are averaged per cell."""
@@ -24,7 +30,7 @@ CELLS = 4
 OUTLIER = 5.0
 """Points further away than that many robust standard deviations do not count."""
 
-ITERATIONS = 4
+ITERATIONS = 3
 
 
 @dataclass(frozen=True)
@@ -34,13 +40,16 @@ class ScanFit:
     Attributes:
         mesh: its limit surface is the middle surface.
         distance: (q,) signed distance of every scan point from the scanned face [m].
+        triangle: (q,) triangle nearest to every scan point.
         counted: (q,) False for outliers and for points beside the surface.
         rms_m: root mean square of the counted distances, scanner noise included [m].
-        systematic_m: the part of it that does not average out within a quarter triangle [m].
+        systematic_m: the part of it that does not average out within a small part of a triangle
+            [m]; zero where the noise hides it.
     """
 
     mesh: ControlMesh
     distance: FloatArray
+    triangle: IntArray
     counted: npt.NDArray[np.bool_]
     rms_m: float
     systematic_m: float
@@ -71,12 +80,20 @@ def fit_scan(
             control = _fit_rim(surface, control, rim, wall)
     found, distance, counted = _measured(surface, control, points, wall, None)
     for _ in range(ITERATIONS):
-        control = control + _step(surface, control, found, distance, counted)
+        control = control + _step(surface, control, found, distance, counted, SMOOTHINGS[0])
         seeds = (found.triangle, found.parameters)
         found, distance, counted = _measured(surface, control, points, wall, seeds)
-    rms = float(np.sqrt(np.mean(distance[counted] ** 2)))
-    systematic = _systematic(found, distance, counted)
-    return ScanFit(moved(mesh, control), distance, counted, rms, systematic)
+    rms, systematic = _spread(found, distance, counted)
+    for smoothing in SMOOTHINGS[1:]:
+        trial = control + _step(surface, control, found, distance, counted, smoothing)
+        seeds = (found.triangle, found.parameters)
+        measured = _measured(surface, trial, points, wall, seeds)
+        trial_rms, trial_systematic = _spread(*measured)
+        if trial_systematic > UNSEEN * trial_rms:
+            break
+        control, (found, distance, counted) = trial, measured
+        rms, systematic = trial_rms, trial_systematic
+    return ScanFit(moved(mesh, control), distance, found.triangle, counted, rms, systematic)
 
 
 def _measured(
@@ -112,6 +129,7 @@ def _step(
     found: ClosestPoints,
     distance: FloatArray,
     counted: npt.NDArray[np.bool_],
+    smoothing: float,
 ) -> FloatArray:
     """(n, 3) motion of the control points along the vertex normals."""
     mesh, n = surface.mesh, surface.mesh.vertex_count
@@ -134,7 +152,7 @@ def _step(
     own = [diags(normals[:, k]) @ bending for k in range(3)]
     along = sum(own[k] @ diags(normals[:, k]) for k in range(3))
     rough = sum(own[k] @ control[:, k] for k in range(3))
-    strength = SMOOTHING * counted.sum() / n
+    strength = smoothing * counted.sum() / n
     system = (data + strength * (along.T @ along)).tocsr()
     right = right - strength * (along.T @ rough)
     free = np.ones(n, dtype=bool)
@@ -187,16 +205,21 @@ def _fit_rim(
     return result
 
 
-def _systematic(
+def _spread(
     found: ClosestPoints, distance: FloatArray, counted: npt.NDArray[np.bool_]
-) -> float:
-    """Root mean square of the cell means, less what the noise within the cells leaves in them."""
+) -> tuple[float, float]:
+    """Root mean square of the counted distances, and of their systematic part.
+
+    The systematic part is that of the cell means, less what the noise within the cells leaves in
+    them.
+    """
     _, cell, count = np.unique(_cells(found)[counted], return_inverse=True, return_counts=True)
+    rms = float(np.sqrt(np.mean(distance[counted] ** 2)))
     mean = np.bincount(cell, distance[counted]) / count
     within = np.bincount(cell, (distance[counted] - mean[cell]) ** 2)
     many = count > 1
     if not many.any():
-        return float(np.sqrt(np.mean(distance[counted] ** 2)))
+        return rms, rms
     noise = within[many].sum() / (count[many] - 1).sum()
     squared = (mean[many] ** 2 - noise / count[many]).mean()
-    return float(np.sqrt(max(squared, 0.0)))
+    return rms, float(np.sqrt(max(squared, 0.0)))

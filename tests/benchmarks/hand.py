@@ -10,6 +10,7 @@ import argparse
 import json
 import math
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -43,8 +44,8 @@ VECTORS = [
 
 
 @contextmanager
-def emulator(*options: str) -> Iterator[str]:
-    """A `hand_emulator` process; yields where it is."""
+def emulator(*options: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """A `hand_emulator` process; yields where it is, and the process."""
     process = subprocess.Popen(
         [str(BIN / 'hand_emulator'), '--json', '--until-eof', *options],
         stdin=subprocess.PIPE,
@@ -53,7 +54,7 @@ def emulator(*options: str) -> Iterator[str]:
     )
     assert process.stdout is not None and process.stdin is not None
     try:
-        yield str(json.loads(process.stdout.readline())['port'])
+        yield str(json.loads(process.stdout.readline())['port']), process
     finally:
         process.stdin.close()
         process.wait()
@@ -81,7 +82,7 @@ def cycles(hand: SerialHand | CanHand, seconds: float) -> tuple[float, int, int]
 
 def serial_rows(seconds: float) -> Iterator[Row]:
     """Cycle rate of the BH8-262 at its three line speeds."""
-    with emulator() as port:
+    with emulator() as (port, _):
         for baud in (9600, 19200, 38400):
             hand = SerialHand(lambda: open_port(port), baud=baud)
             ceiling = hand.connect().ceiling_hz
@@ -128,7 +129,7 @@ def can_rows(seconds: float) -> Iterator[Row]:
 def stale_rows() -> Iterator[Row]:
     """How soon the driver knows that the hand has fallen silent, in periods of the link."""
     spans = []
-    with emulator('--fault', 'mute@7:1', '--fault', 'mute@9:1', '--fault', 'mute@11:1') as port:
+    with emulator(*(3 * ('--fault', 'mute@signal:1'))) as (port, process):
         hand = SerialHand(lambda: open_port(port))
         hand.connect()
         hand.initialize()
@@ -140,13 +141,15 @@ def stale_rows() -> Iterator[Row]:
                 spans.append((time.monotonic() - last.pop()) / hand.cycle_s)
 
         hand.late = late
-        end = time.monotonic() + 9.0
-        while time.monotonic() < end:
-            try:
-                hand.sample(None)
-                last[:] = [time.monotonic()]
-            except HandError:
-                last.clear()
+        for _ in range(3):
+            end = time.monotonic() + 2.0
+            process.send_signal(signal.SIGUSR1)
+            while time.monotonic() < end:
+                try:
+                    hand.sample(None)
+                    last[:] = [time.monotonic()]
+                except HandError:
+                    last.clear()
         hand.close()
     yield (
         'BH8-262 silent -> stale, periods of the link',

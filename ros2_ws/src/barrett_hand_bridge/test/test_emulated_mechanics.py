@@ -12,6 +12,7 @@ from barrett_hand_bridge.emulator.squeeze import (
     Pinched,
     SqueezeError,
     Supported,
+    read_force_table,
     read_squeezed,
 )
 from barrett_hand_bridge.emulator.strain_gauge import (
@@ -173,6 +174,18 @@ def test_a_squeezed_object_is_read_from_yaml_with_its_table_beside_it(tmp_path):
     assert squeezed.table.force(0.005) == pytest.approx(10.0)
 
 
+def test_a_solved_sweep_is_a_table_too(tmp_path):
+    path = tmp_path / 'sweep.json'
+    path.write_text(
+        '{"points": [{"displacement_m": 0.0, "force_n": 0.0},'
+        ' {"displacement_m": 0.005, "force_n": 12.0}]}'
+    )
+    assert read_force_table(path).displacement(6.0) == pytest.approx(0.0025)
+    path.write_text('{"rows": []}')
+    with pytest.raises(SqueezeError, match='expected "points"'):
+        read_force_table(path)
+
+
 def test_a_missing_object_file_is_named(tmp_path):
     with pytest.raises(SqueezeError, match='nothing.yaml'):
         read_squeezed(tmp_path / 'nothing.yaml')
@@ -181,6 +194,7 @@ def test_a_missing_object_file_is_named(tmp_path):
 def test_faults_are_written_with_time_and_value():
     fault = parse_fault('unplug@2.5:3')
     assert (fault.kind, fault.at_s, fault.value) == ('unplug', 2.5, 3.0)
+    assert parse_fault('mute@signal').at_s == math.inf
     with pytest.raises(FaultError, match='expected KIND@SECONDS'):
         parse_fault('explode@1')
 

@@ -190,12 +190,13 @@ def test_a_lost_hand_is_stale_at_once_and_wants_a_tare_when_it_is_back(
     start, listener, tmp_path, calibration
 ):
     link = tmp_path / 'hand'
-    emulated(start, '--link', link, '--fault', 'unplug@14:2')
+    _, emulator = emulated(start, '--link', link, '--fault', 'unplug@signal:2')
     node = bridge(
         start, f'port:={link}', f'calibration:={calibration}', 'initialize_on_start:=true',
         'tare_on_start:=true',
     )  # fmt: skip
     node.wait_for('tare: zero in counts', 60.0)
+    emulator.process.send_signal(signal.SIGUSR1)
     listener.until(lambda: any(rows['flags'][0] & 4 for rows in listener.contacts[-200:]))
     listener.until(lambda: listener.status() and listener.status()[2]['state'] == 'lost')
     node.wait_for('again connected', 60.0)

@@ -80,12 +80,13 @@ def test_an_unplugged_line_fails_with_a_reason_and_works_again_when_plugged(
 ):
     link = tmp_path / 'hand'
     emulator = start(
-        'hand_emulator', '--json', '--unpaced', '--link', link, '--fault', 'unplug@6:1'
+        'hand_emulator', '--json', '--unpaced', '--link', link, '--fault', 'unplug@signal:1'
     )
     assert where(emulator) == str(link)
     hand = SerialHand(lambda: open_port(str(link)))
     hand.connect()
     hand.initialize()
+    emulator.process.send_signal(signal.SIGUSR1)
 
     def fails():
         try:

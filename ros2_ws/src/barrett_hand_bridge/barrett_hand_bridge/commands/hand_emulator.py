@@ -57,8 +57,9 @@ def parser() -> argparse.ArgumentParser:
         '--fault',
         action='append',
         default=[],
-        metavar='KIND@SECONDS[:VALUE]',
-        help=f'a fault that many seconds after start; kinds: {faults}',
+        metavar='KIND@WHEN[:VALUE]',
+        help='a fault that many seconds after start, or at the next SIGUSR1 when WHEN is '
+        f'"signal"; kinds: {faults}',
     )
     command.add_argument(
         '--weigh',
@@ -106,6 +107,7 @@ def _serve(options: argparse.Namespace) -> int:
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
+    signal.signal(signal.SIGUSR1, lambda *_: port.faults.strike())
     port.start()
     text = f'BH8-{options.hand} on {where}'
     print(json.dumps({'port': where}) if options.json else text, flush=True)

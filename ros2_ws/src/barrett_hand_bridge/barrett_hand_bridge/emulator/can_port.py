@@ -6,6 +6,7 @@ import contextlib
 import os
 import re
 import select
+import sys
 import threading
 import time
 import tty
@@ -15,7 +16,7 @@ from collections.abc import Callable, Sequence
 import can
 
 from barrett_hand_bridge.emulator.can_hand import CanHand, OutgoingFrame
-from barrett_hand_bridge.emulator.faults import Fault
+from barrett_hand_bridge.emulator.faults import Fault, FaultPlan
 from barrett_hand_bridge.emulator.pty_port import sharpen_timers
 
 FRAME_OVERHEAD_BITS = 47
@@ -36,8 +37,8 @@ class BusSchedule:
         """Frames of `hand`; `paced`: they take their time."""
         self.hand = hand
         self._paced = paced
-        self._faults = sorted(faults, key=lambda fault: fault.at_s)
-        self._begin = self._now = time.monotonic()
+        self.faults = FaultPlan(faults)
+        self._now = time.monotonic()
         self._free = 0.0
         self._queue: deque[tuple[float, OutgoingFrame]] = deque()
         self._drop = self._garble = 0
@@ -83,9 +84,8 @@ class BusSchedule:
             self._now = now
 
     def _strike(self, now: float) -> None:
-        while self._faults and now - self._begin >= self._faults[0].at_s:
-            fault = self._faults.pop(0)
-            print(f'fault {fault.kind} {fault.value:g}', flush=True)
+        for fault in self.faults.due(now):
+            print(f'fault {fault.kind} {fault.value:g}', file=sys.stderr, flush=True)
             count = max(int(fault.value), 1)
             if fault.kind == 'drop':
                 self._drop = count
@@ -110,8 +110,9 @@ class CanPort:
     """Serves a hand on an open python-can bus until `stop`."""
 
     def __init__(self, schedule: BusSchedule, open_bus: Callable[[], can.BusABC]) -> None:
-        """Nothing is opened before `run`."""
+        """Nothing is opened before `start`."""
         self._schedule = schedule
+        self.faults = schedule.faults
         self._open_bus = open_bus
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
@@ -154,6 +155,7 @@ class SlcanPort:
     def __init__(self, schedule: BusSchedule) -> None:
         """Open the pty."""
         self._schedule = schedule
+        self.faults = schedule.faults
         self._master, self._slave = os.openpty()
         tty.setraw(self._master)
         tty.setraw(self._slave)

@@ -10,6 +10,7 @@ import contextlib
 import ctypes
 import os
 import select
+import sys
 import termios
 import threading
 import time
@@ -18,7 +19,7 @@ from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 
-from barrett_hand_bridge.emulator.faults import Fault
+from barrett_hand_bridge.emulator.faults import Fault, FaultPlan
 from barrett_hand_bridge.emulator.serial_hand import SerialHand
 
 PR_SET_TIMERSLACK = 29
@@ -58,8 +59,8 @@ class PtyPort:
         self.link = link
         self._paced = paced
         self._real_time = real_time
-        self._faults = sorted(faults, key=lambda fault: fault.at_s)
-        self._begin = self._now = time.monotonic()
+        self.faults = FaultPlan(faults)
+        self._now = time.monotonic()
         self._incoming: deque[tuple[float, int]] = deque()
         self._outgoing: deque[tuple[float, int]] = deque()
         self._in_free = self._out_free = 0.0
@@ -130,7 +131,7 @@ class PtyPort:
 
     def _wait(self) -> None:
         now = time.monotonic()
-        due = now + (IDLE_TICK_S if self._real_time or self._faults or self._replug_at else 0.1)
+        due = now + IDLE_TICK_S
         for queue in (self._incoming, self._outgoing):
             if queue:
                 due = min(due, queue[0][0])
@@ -197,9 +198,8 @@ class PtyPort:
             self._outgoing.append((self._out_free, (byte ^ 0xA5) if wrong_speed else byte))
 
     def _strike(self, now: float) -> None:
-        while self._faults and now - self._begin >= self._faults[0].at_s:
-            fault = self._faults.pop(0)
-            print(f'fault {fault.kind} {fault.value:g}', flush=True)
+        for fault in self.faults.due(now):
+            print(f'fault {fault.kind} {fault.value:g}', file=sys.stderr, flush=True)
             self._fault(fault, now)
         if self._replug_at is not None and now >= self._replug_at:
             self._replug_at = None

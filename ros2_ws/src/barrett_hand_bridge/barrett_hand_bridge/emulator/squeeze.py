@@ -6,6 +6,7 @@ paper), and `Supported`, contacts fixed in the hand frame (an object standing on
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -179,15 +180,18 @@ def _rising_force(overlap: Callable[[float], float], near_n: float) -> float:
 
 
 def read_force_table(path: Path) -> ForceTable:
-    """Read a CSV with the header `displacement_m,force_n`.
+    """Read a CSV with the header `displacement_m,force_n`, or what `shell_solve --json` prints.
 
     Raises:
-        SqueezeError: the file is missing, has another header, or its columns do not rise.
+        SqueezeError: the file is missing, has another form, or its columns do not rise.
     """
     try:
-        lines = path.read_text(encoding='utf-8').split()
+        text = path.read_text(encoding='utf-8')
     except (OSError, UnicodeDecodeError) as error:
         raise SqueezeError(f'{path}: cannot be read ({error})') from error
+    if path.suffix == '.json':
+        return _solved_table(text, path)
+    lines = text.split()
     if not lines or lines[0] != 'displacement_m,force_n':
         raise SqueezeError(f'{path}: the first line must be "displacement_m,force_n"')
     try:
@@ -198,10 +202,24 @@ def read_force_table(path: Path) -> ForceTable:
     return ForceTable(displacement, force, str(path))
 
 
+def _solved_table(text: str, path: Path) -> ForceTable:
+    """The points of a solved sweep; (0, 0) is put in front where the sweep starts later."""
+    try:
+        points = json.loads(text)['points']
+        rows = [(float(point['displacement_m']), float(point['force_n'])) for point in points]
+    except (ValueError, KeyError, TypeError) as error:
+        raise SqueezeError(
+            f'{path}: expected "points" with displacement_m and force_n ({error!r})'
+        ) from error
+    rows = [(0.0, 0.0), *(row for row in rows if row[0] > 0.0)]
+    return ForceTable(tuple(row[0] for row in rows), tuple(row[1] for row in rows), str(path))
+
+
 def read_squeezed(path: Path) -> Squeezed:
     """Read a squeezed object from YAML.
 
-    Keys: `table` (CSV beside the file) or `displacement_m` and `force_n` (lists), and either
+    Keys: `table` (CSV or solved sweep beside the file) or `displacement_m` and `force_n` (lists),
+    and either
     `pinched: {fingers: [1, 2], width_m: 0.065}` or
     `supported: {1: {point_m: [x, y, z], inward_normal: [x, y, z]}}`.
 

@@ -35,6 +35,17 @@ def _is_stale(contacts: Any) -> bool:
     return bool(contacts.data[flags] & FLAG_STALE)
 
 
+def _difference(name: str, stamps: list[int], expected: list[int]) -> str:
+    lost = sorted(set(expected) - set(stamps))
+    extra = len(stamps) - len(set(stamps))
+    strange = sorted(set(stamps) - set(expected))
+    return (
+        f'{name}: of {len(expected)} samples {len(lost)} lack their message (first at '
+        f'{lost[0] if lost else None}), {extra} have it twice, {len(strange)} messages belong to '
+        f'none (first at {strange[0] if strange else None})'
+    )
+
+
 def write_canonical(
     raw: Path, out: Path, sample_stamps: list[int], scans: int, custom_data: dict[str, str]
 ) -> int:
@@ -55,13 +66,14 @@ def write_canonical(
             messages = [(header_stamp(data) if stamped else 0, data) for _, data in found[name]]
             if name.startswith(PER_SAMPLE):
                 # The cycle in which the bridge was asked to tare came before the clock ran.
-                messages = messages[len(messages) - len(sample_stamps) :]
+                messages = messages[-len(sample_stamps) :]
                 stamps = [time for time, _ in messages] if stamped else sample_stamps
-                if stamps != sample_stamps or len(messages) != len(sample_stamps):
+                if len(messages) != len(sample_stamps):
                     raise IncompleteRecordingError(
-                        f'{name}: {len(messages)} messages for {len(sample_stamps)} samples, or '
-                        'stamps out of step'
+                        f'{name}: {len(messages)} messages for {len(sample_stamps)} samples'
                     )
+                if stamps != sample_stamps:
+                    raise IncompleteRecordingError(_difference(name, stamps, sample_stamps))
                 messages = [
                     (time, data) for time, (_, data) in zip(sample_stamps, messages, strict=True)
                 ]

@@ -43,6 +43,7 @@ COARSE_SAMPLE = 2_000
 """Scan points used until the pose has settled for the first time."""
 
 MOST_STEPS = 60
+MOST_TRIMMED = 0.6
 SETTLED = 1e-7
 """A step shorter than this [m] ends the fit: points change sides of the dent's border below it."""
 
@@ -377,6 +378,8 @@ def _explain(
         parts.append(
             f'{ambiguous} poses fit equally well (a symmetry of the object): state a start pose'
         )
+    if trimmed > MOST_TRIMMED:
+        parts.append('most of the scan does not fit: check start pose, unit and object')
     if not converged:
         parts.append('the fit did not settle: treat the pose with caution')
     return '. '.join(parts)

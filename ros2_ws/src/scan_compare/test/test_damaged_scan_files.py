@@ -39,14 +39,14 @@ def test_arbitrary_bytes_are_read_or_refused(data: bytes, suffix: str) -> None:
 @pytest.mark.parametrize(
     ('suffix', 'head', 'line', 'repeat'),
     [
-        ('.xyz', '', '0 0 0\n', 2_000_000),
-        ('.obj', 'v 0 0 0\nv 0 0 1\nv 0 1 0\n', 'f 1 2 3\n', 1_000_000),
-        ('.ply', 'ply\nformat ascii 1.0\nelement vertex 2000000\nproperty float x\n'
-         'property float y\nproperty float z\nend_header\n', '0 0 0\n', 2_000_000),
+        ('.xyz', '', '0 0 0\n', 1_000_000),
+        ('.obj', 'v 0 0 0\nv 0 0 1\nv 0 1 0\n', 'f 1 2 3\n', 500_000),
+        ('.ply', 'ply\nformat ascii 1.0\nelement vertex 1000000\nproperty float x\n'
+         'property float y\nproperty float z\nend_header\n', '0 0 0\n', 1_000_000),
         ('.stl', 'solid\n', 'facet\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendfacet\n',
-         200_000),
+         100_000),
         ('.wrl', '#VRML V2.0 utf8\nShape { geometry PointSet { coord Coordinate { point [',
-         '0 0 0 ', 2_000_000),
+         '0 0 0 ', 1_000_000),
     ],
 )  # fmt: skip
 def test_large_files_stay_within_eight_times_their_size(

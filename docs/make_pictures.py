@@ -359,7 +359,8 @@ def draw_view() -> Path:
         _wait(page, 'page ready')
         tab.goto(f'http://127.0.0.1:{port}')
         tab.wait_for_selector('.grasp-legend')
-        nodes.start('replay', str(BAG))
+        # Slower than recorded, so that a slow browser does not miss the deep dent.
+        nodes.start('replay', str(BAG), '--rate', '0.5', '--loop')
         deadline = time.monotonic() + 90
         while not _deep(tab, 8.0) and time.monotonic() < deadline:
             tab.wait_for_timeout(100)
@@ -405,6 +406,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--only', nargs='+', choices=DRAWERS, default=list(DRAWERS))
     chosen = parser.parse_args(arguments).only
+    # Ending by SIGTERM must end the started nodes too.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     PICTURES.mkdir(parents=True, exist_ok=True)
     for name in chosen:
         missing = [

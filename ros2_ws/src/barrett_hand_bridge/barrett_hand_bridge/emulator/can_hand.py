@@ -102,6 +102,9 @@ class CanHand:
             return
         if not puck.awake:
             return
+        if number not in LONG_PROPERTIES:
+            # A short property keeps the lower 16 bits of what it is told.
+            value = (value + 0x8000) % 0x10000 - 0x8000
         state = self.mechanics.motors[motor]
         if number == 8:
             self._change_mode(motor, puck, value)

@@ -262,11 +262,9 @@ class SerialHand:
         if self._prefetch:
             # Bytes of a block follow one another: its first one came that much earlier.
             stamp_ns = self._clock_ns() - round(1e9 * (size - 1) * line.byte_s)
-        sample = self._sample(decode_feedback(self.layout, data), stamp_ns)
-        if self._prefetch:
             self._ask(port, request)
             self._asked = True
-        return sample
+        return self._sample(decode_feedback(self.layout, data), stamp_ns)
 
     def _ask(self, port: Port, request: bytes) -> None:
         port.write(request)

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'ros2_ws/src/grasp_replay/test'))
@@ -258,13 +258,13 @@ def rows(long: bool = False) -> Iterator[Row]:
         yield from throughput(folder)
 
 
-def main() -> None:
+def main(arguments: Sequence[str] = ()) -> None:
     """Print the figures, tab-separated."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--long', action='store_true', help='the full figures (minutes)')
-    for row in rows(parser.parse_args().long):
+    for row in rows(parser.parse_args(arguments).long):
         print('\t'.join(row), flush=True)
 
 
 if __name__ == '__main__':
-    main()
+    main(sys.argv[1:])

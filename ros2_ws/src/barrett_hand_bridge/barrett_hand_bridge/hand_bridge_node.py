@@ -370,6 +370,9 @@ def _trigger(
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; returns the exit code."""
+    if {'-h', '--help'} & set(sys.argv[1:] if arguments is None else arguments):
+        print(parameters.usage())
+        return 0
     rclpy.init(args=arguments)
     node = HandBridge()
     executor = SingleThreadedExecutor()

@@ -237,3 +237,26 @@ def check_all(values: Mapping[str, Any]) -> None:
         raise ParameterError(
             f'parameter opposed_fingers is {opposed}, must be two different fingers or [0]'
         )
+
+
+def usage() -> str:
+    """What `hand_bridge --help` prints: every parameter with its unit, range and default."""
+    lines = [
+        'usage: hand_bridge [-h] [--ros-args -p NAME:=VALUE ...]',
+        '',
+        'A BarrettHand on its topics: joint states, wrenches, contacts, gauge counts. SI units.',
+        '',
+        'parameters:',
+    ]
+    for parameter in PARAMETERS:
+        lines.append(f'  {parameter.name} (default {parameter.default!r})')
+        lines.append(f'      {parameter.description}{_limits(parameter)}')
+    return '\n'.join(lines)
+
+
+def _limits(parameter: Parameter) -> str:
+    if parameter.choices:
+        return f' (one of {", ".join(map(str, parameter.choices))})'
+    if parameter.lowest is not None and parameter.highest is not None:
+        return f' ({parameter.lowest:g} to {parameter.highest:g})'
+    return ''

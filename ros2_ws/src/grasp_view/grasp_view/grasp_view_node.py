@@ -33,7 +33,7 @@ from std_srvs.srv import Trigger
 
 from . import messages
 from .page import BUTTONS, Page, PageError
-from .parameters import PARAMETERS
+from .parameters import PARAMETERS, usage
 from .plot_panel import SERIES
 from .poses import Pose, PoseError
 from .scene_model import CONTACT, Snapshot
@@ -337,6 +337,9 @@ class GraspView(Node):
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the page until it is told to stop; 1 if it cannot be served."""
+    if {'-h', '--help'} & set(sys.argv[1:] if arguments is None else arguments):
+        print(usage())
+        return 0
     rclpy.init(args=arguments)
     node: GraspView | None = None
     code = 0

@@ -59,3 +59,24 @@ def markdown_table() -> str:
         when = '' if one.fixed else 'yes'
         lines.append(f'| `{one.name}` | `{one.default}` | {span} | {when} | {one.description} |')
     return '\n'.join(lines)
+
+
+def usage() -> str:
+    """What `grasp_view --help` prints: every parameter with its unit, range and default."""
+    lines = [
+        'usage: grasp_view [-h] [--ros-args -p NAME:=VALUE ...]',
+        '',
+        'A live page of a grasp in the browser. SI units.',
+        '',
+        'parameters:',
+    ]
+    for parameter in PARAMETERS:
+        lines.append(f'  {parameter.name} (default {parameter.default!r})')
+        lines.append(f'      {parameter.description}{_limits(parameter)}')
+    return '\n'.join(lines)
+
+
+def _limits(parameter: Parameter) -> str:
+    if parameter.lowest is not None and parameter.highest is not None:
+        return f' ({parameter.lowest:g} to {parameter.highest:g})'
+    return ''

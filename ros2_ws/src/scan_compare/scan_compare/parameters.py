@@ -110,3 +110,26 @@ def _check(parameter: Parameter, value: Any) -> None:
             f'{parameter.name} is {value}; it must lie between {parameter.lowest:g} and '
             f'{parameter.highest:g}: {parameter.description}'
         )
+
+
+def usage() -> str:
+    """What `scan_compare --help` prints: every parameter with its unit, range and default."""
+    lines = [
+        'usage: scan_compare [-h] [--ros-args -p NAME:=VALUE ...]',
+        '',
+        'The deformed surface against every scan on scan/points. SI units.',
+        '',
+        'parameters:',
+    ]
+    for parameter in PARAMETERS:
+        lines.append(f'  {parameter.name} (default {parameter.default!r})')
+        lines.append(f'      {parameter.description}{_limits(parameter)}')
+    return '\n'.join(lines)
+
+
+def _limits(parameter: Parameter) -> str:
+    if parameter.choices:
+        return f' (one of {", ".join(map(str, parameter.choices))})'
+    if parameter.lowest is not None and parameter.highest is not None:
+        return f' ({parameter.lowest:g} to {parameter.highest:g})'
+    return ''

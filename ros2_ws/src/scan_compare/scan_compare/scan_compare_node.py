@@ -359,6 +359,9 @@ class ScanCompareNode(Node):
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the node until it is told to stop; returns the exit code."""
+    if {'-h', '--help'} & set(sys.argv[1:] if arguments is None else arguments):
+        print(parameters.usage())
+        return 0
     rclpy.init(args=arguments)
     try:
         node = ScanCompareNode()

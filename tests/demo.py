@@ -1,0 +1,195 @@
+"""`make demo`: a recorded grasp through the live nodes, then the paper's Table I beside ours.
+
+Three real processes on a ROS domain of their own: `replay` sends the recording, `deformation`
+answers every contact sample with the surface, `scan_compare` judges it against the scans. This
+script only listens. `grasp_report` then works the same bag offline.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import yaml
+
+ROOT = Path(__file__).resolve().parent.parent
+BIN = Path(sys.executable).parent
+START_TIMEOUT_S = 60.0
+STOP_TIMEOUT_S = 10.0
+
+os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
+    os.environ.setdefault(name, '1')
+
+import rclpy  # noqa: E402  (the domain must be set before)
+from rclpy.node import Node  # noqa: E402
+from rclpy.qos import (  # noqa: E402
+    DurabilityPolicy,
+    QoSProfile,
+    qos_profile_sensor_data,
+)
+from sensor_msgs.msg import PointCloud2  # noqa: E402
+from shape_msgs.msg import Mesh  # noqa: E402
+from std_msgs.msg import Float64  # noqa: E402
+
+
+class Listener(Node):
+    """Counts the answers and keeps the last scan figures."""
+
+    def __init__(self) -> None:
+        super().__init__('demo_listener')
+        self.surfaces: set[int] = set()
+        self.samples: set[int] = set()
+        self.errors: list[float] = []
+        self.meshes = 0
+        many = qos_profile_sensor_data
+        many.depth = 2000
+        self.create_subscription(PointCloud2, 'hand/contacts', self._sample, many)
+        self.create_subscription(PointCloud2, 'deformation/surface', self._surface, many)
+        self.create_subscription(Float64, 'scan/mean_error', self._error, 10)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.create_subscription(Mesh, 'deformation/mesh', self._mesh, latched)
+
+    def _sample(self, message: PointCloud2) -> None:
+        self.samples.add(_stamp(message))
+
+    def _surface(self, message: PointCloud2) -> None:
+        self.surfaces.add(_stamp(message))
+
+    def _mesh(self, message: Mesh) -> None:
+        self.meshes += 1
+
+    def _error(self, message: Float64) -> None:
+        self.errors.append(message.data)
+
+
+def _stamp(message: PointCloud2) -> int:
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def main() -> int:
+    """Run the demo; exit code 0 when every sample was answered."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--bag', type=Path, default=ROOT / 'bags' / 'tennis_ball_two_finger')
+    parser.add_argument('--rate', type=float, default=1.0, help='bag seconds per second')
+    parser.add_argument('--out', type=Path, default=ROOT / 'out' / 'demo')
+    options = parser.parse_args()
+    print(f'1/2  {options.bag.name} through the live nodes', flush=True)
+    summary = live(options.bag, options.rate)
+    print(
+        f'     {summary["contacts"]} contact samples, {summary["answered"]} answered by a '
+        f'surface, {summary["lost"]} lost; {summary["compared"]} scans compared live'
+    )
+    print('2/2  the same bag offline, against the published table', flush=True)
+    report = subprocess.run(
+        [BIN / 'grasp_report', options.bag, '--out', options.out, '--no-samples'], check=False
+    )
+    if report.returncode == 0:
+        print(f'open {options.out / "report.html"}')
+    return report.returncode or int(summary['lost'] > 0)
+
+
+def live(bag: Path, rate: float) -> dict[str, int]:
+    """Play `bag` into the nodes and count what comes back."""
+    pose = _object_pose(bag)
+    parameters = ['--ros-args', '-p', 'object:=tennis_ball', '-p', f'object_pose:={pose}']
+    logs = Path(tempfile.mkdtemp(prefix='grasp_demo_'))
+    rclpy.init()
+    listener = Listener()
+    nodes = [
+        _start('deformation', parameters, logs),
+        _start('scan_compare', parameters, logs),
+    ]
+    try:
+        _until(
+            lambda: (
+                listener.count_publishers('deformation/surface') > 0
+                and listener.count_publishers('scan/mean_error') > 0
+                and listener.count_subscribers('hand/contacts') > 1
+            ),
+            listener,
+            nodes,
+            logs,
+        )
+        player = subprocess.Popen(
+            [BIN / 'replay', bag, '--rate', str(rate), '--wait', '30']
+            + ['--topics', '/hand/contacts', '/object_pose', '/scan/points'],
+            stdout=subprocess.DEVNULL,
+        )
+        while player.poll() is None:
+            rclpy.spin_once(listener, timeout_sec=0.05)
+        settle = time.monotonic() + 5.0
+        while time.monotonic() < settle and not listener.samples <= listener.surfaces:
+            rclpy.spin_once(listener, timeout_sec=0.05)
+    finally:
+        for node in nodes:
+            _stop(node)
+        listener.destroy_node()
+        rclpy.try_shutdown()
+    if player.returncode:
+        raise SystemExit(f'replay ended with {player.returncode}; logs in {logs}')
+    sent = _recorded(bag, '/hand/contacts')
+    return {
+        'contacts': sent,
+        'answered': len(listener.surfaces),
+        'lost': max(0, sent - len(listener.surfaces)),
+        'compared': len(listener.errors),
+    }
+
+
+def _recorded(bag: Path, topic: str) -> int:
+    """How many messages of `topic` the recording holds."""
+    information = yaml.safe_load((bag / 'metadata.yaml').read_text())
+    for entry in information['rosbag2_bagfile_information']['topics_with_message_count']:
+        if entry['topic_metadata']['name'] == topic:
+            return int(entry['message_count'])
+    raise SystemExit(f'{bag} holds no {topic}')
+
+
+def _object_pose(bag: Path) -> str:
+    """The recorded pose of the object as a ROS parameter value."""
+    document = yaml.safe_load((bag / 'experiment.yaml').read_text())
+    return '[' + ', '.join(repr(float(value)) for value in document['object_pose']) + ']'
+
+
+def _start(executable: str, arguments: list[str], logs: Path) -> subprocess.Popen[bytes]:
+    stream = (logs / f'{executable}.log').open('wb')
+    return subprocess.Popen(
+        [BIN / executable, *arguments], stdout=stream, stderr=subprocess.STDOUT
+    )
+
+
+def _stop(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _until(
+    condition: Callable[[], bool],
+    listener: Listener,
+    nodes: list[subprocess.Popen[bytes]],
+    logs: Path,
+) -> None:
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while not condition():
+        rclpy.spin_once(listener, timeout_sec=0.05)
+        dead = [node for node in nodes if node.poll() is not None]
+        if dead or time.monotonic() > deadline:
+            raise SystemExit(f'the nodes did not start; their logs are in {logs}')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

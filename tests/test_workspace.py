@@ -1,0 +1,77 @@
+"""The workspace as a user finds it: executables, locks, and a colcon build of every package."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+EXECUTABLES = {
+    'barrett_hand_bridge': ('hand_bridge', 'hand_emulator', 'hand_calibrate'),
+    'shell_deform': (
+        'deformation',
+        'shell_solve',
+        'shell_verify',
+        'shell_objects',
+        'shell_identify',
+        'object_prepare',
+    ),
+    'scan_compare': ('scan_compare', 'scan_error'),
+    'grasp_replay': ('replay', 'record', 'grasp_report', 'bag_check'),
+    'grasp_view': ('grasp_view',),
+}
+ALL = [(package, name) for package, names in EXECUTABLES.items() for name in names]
+
+
+@pytest.mark.parametrize(('package', 'name'), ALL)
+def test_every_executable_of_the_contract_is_in_the_environment(package, name):
+    path = Path(sys.executable).parent / name
+    assert os.access(path, os.X_OK)
+
+
+@pytest.mark.parametrize('lock', ['lock.txt', 'lock-cell.txt'])
+def test_locks_are_hashed_and_name_no_index(lock):
+    text = (ROOT / 'requirements' / lock).read_text()
+    assert not re.search(r'^\s*--(index|extra-index|find-links|trusted)', text, re.MULTILINE)
+    assert '://' not in text
+    pinned = re.findall(r'^([a-z0-9][\w.-]*)==', text, re.MULTILINE)
+    blocks = re.split(r'^(?=[a-z0-9][\w.-]*==)', text, flags=re.MULTILINE)[1:]
+    assert len(blocks) == len(pinned) > 50
+    assert all('--hash=sha256:' in block for block in blocks)
+
+
+@pytest.fixture(scope='module')
+def install(tmp_path_factory):
+    """The workspace built by colcon, as on a cell, but outside the source tree."""
+    base = tmp_path_factory.mktemp('colcon')
+    command = [
+        sys.executable, '-m', 'colcon', '--log-base', str(base / 'log'), 'build',
+        '--base-paths', str(ROOT / 'ros2_ws' / 'src'),
+        '--build-base', str(base / 'build'), '--install-base', str(base / 'install'),
+    ]  # fmt: skip
+    built = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert built.returncode == 0, built.stdout + built.stderr
+    return base / 'install'
+
+
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize(('package', 'name'), ALL)
+def test_every_executable_starts_from_the_colcon_install(install, package, name):
+    path = install / package / 'lib' / package / name
+    sites = sorted(install.glob('*/lib/python*/site-packages'))
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(map(str, sites))}
+    started = subprocess.run(
+        [sys.executable, str(path), '--help'],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        env=environment,
+    )
+    assert started.returncode == 0, started.stderr
+    assert 'usage:' in started.stdout
+    index = install / package / 'share' / 'ament_index' / 'resource_index' / 'packages' / package
+    assert index.is_file()

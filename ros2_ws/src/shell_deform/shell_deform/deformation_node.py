@@ -32,6 +32,7 @@ from shell_deform.live.worker_link import Build, WorkerError, WorkerLink, empty_
 CONTACTS_DEPTH = 500
 WATCH_PERIOD_S = 0.005
 CONTRADICTION_LIMIT = 3.0
+POSE_CHANGE = 1e-3
 SCALARS = (
     'max_displacement',
     'linearity',
@@ -166,7 +167,7 @@ class DeformationNode(Node):
         if slot is not None:
             estimator.adopt(slot)
             self.results += 1
-        estimator.pose = self._topic_pose or self._parameter_pose
+        estimator.pose = self._given_pose
         served = estimator.tick(sample)
         self._publish('surface', served.packed, served.stamp)
         self.ticks.add(time.perf_counter() - began)
@@ -195,6 +196,11 @@ class DeformationNode(Node):
             if packed is not None and estimator.adopted is not None:
                 stamp = estimator.adopted.stamp
                 self._publish('nonlinear', packed, stamp)
+
+    @property
+    def _given_pose(self) -> Pose | None:
+        """The pose from the topic, else the parameter; None if it is to be inferred."""
+        return self._topic_pose or self._parameter_pose
 
     def _pose_message(self, message: PoseStamped) -> None:
         try:
@@ -231,6 +237,7 @@ class DeformationNode(Node):
         assert memory is not None
         previous = self.estimator
         self.estimator = Estimator(memory.rest, memory.rest_normals, self._settings)
+        self.estimator.pose = self._given_pose
         self.estimator.warm_up()
         if previous is not None and previous.rest.shape == memory.rest.shape:
             # The same shell again after a restart: its last good state is still the best known.
@@ -243,10 +250,14 @@ class DeformationNode(Node):
         )
 
     def _publish_mesh(self) -> None:
+        """Topology and rest positions, in the same frame as the surface."""
         memory = self.link.worker.memory
         if memory is not None and self.estimator is not None:
-            rest = self.estimator.pose_in_use.from_object(memory.rest)
-            self._mesh.publish(messages.mesh_message(memory.triangles, rest))
+            pose = self.estimator.pose_in_use
+            self._mesh_pose = pose.numbers
+            self._mesh.publish(
+                messages.mesh_message(memory.triangles, pose.from_object(memory.rest))
+            )
 
     def _publish_state(self, state: LiveState) -> None:
         if state is not self._published_state:
@@ -268,6 +279,10 @@ class DeformationNode(Node):
 
     def _diagnose(self) -> None:
         self._somebody_publishes = self.count_publishers('hand/contacts') > 0
+        if self.estimator is not None:
+            moved = self.estimator.pose_in_use.numbers - self._mesh_pose
+            if abs(moved).max() > POSE_CHANGE:
+                self._publish_mesh()
         level, summary, values = self._health()
         self._diagnostics.publish(
             messages.diagnostics(
@@ -311,6 +326,7 @@ class DeformationNode(Node):
             values['error of the linear step [mm]'] = 1e3 * served.extrapolation
             values['contradiction'] = served.contradiction
             values['suspect'] = served.suspect
+            values['unbalanced force [N]'] = estimator.unbalance if estimator is not None else 0.0
             values['snap margin'] = served.snap_margin
         if self.failure:
             return 'error', self.failure, values
@@ -341,6 +357,9 @@ def _build(values: dict[str, Any]) -> Build:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the node until it is told to stop; returns the exit code."""
+    if {'-h', '--help'} & set(sys.argv[1:] if arguments is None else arguments):
+        print(parameters.usage())
+        return 0
     rclpy.init(args=arguments)
     try:
         node = DeformationNode()

@@ -7,7 +7,7 @@ surface; the lateral motion that point already has is where it is then held.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,8 @@ class HeldContact:
         finger: who presses. patch: the material patch. touched: (3,) where the finger was [m].
         held: (3,) lateral motion and spin the patch is held at.
         travel_offset: displacement of the patch minus the travel of the finger [m].
+        bias: displacement minus the depth of the pin inside the shell at rest [m]: what pose and
+            first touch are off by; it stays while the finger slides.
     """
 
     finger: int
@@ -63,6 +65,7 @@ class HeldContact:
     touched: Array
     held: Array
     travel_offset: float
+    bias: float
 
     def still_good(self, touch: Touch) -> bool:
         """Whether the finger still presses this patch."""
@@ -118,7 +121,6 @@ class ContactTracker:
     ) -> HeldContact:
         """A new patch where the finger is."""
         surface = self.model.surface
-        travel = touch.travel if np.isfinite(touch.travel) else 0.0
         # Someone who joins late still knows where the finger first touched the shell at rest.
         at = touch.first_point if fresh else touch.point
         found = surface.closest_point(positions, at[None], offset=self._half_wall)
@@ -128,14 +130,17 @@ class ContactTracker:
         patch = contact_patch(surface, material.position[0], touch.radius, axis)
         moved = (positions - self.model.rest).reshape(-1)
         held = patch.held_rows().reshape(HELD_ROWS, -1) @ moved
-        displacement = float(patch.displacement_row().reshape(-1) @ moved)
-        offset = displacement if old is None else displacement - travel
-        return HeldContact(touch.finger, patch, touch.point.copy(), held, offset)
-
-    def rebase(self, positions: Array) -> None:
-        """Hold every patch where it is at control `positions` (n, 3)."""
-        moved = (positions - self.model.rest).reshape(-1)
-        self.contacts = tuple(
-            replace(contact, held=contact.patch.held_rows().reshape(HELD_ROWS, -1) @ moved)
-            for contact in self.contacts
+        travel = touch.travel if np.isfinite(touch.travel) else 0.0
+        depth = self._depth(patch, touch)
+        if old is None:
+            bias = travel + float(patch.displacement_row().reshape(-1) @ moved) - depth
+        else:
+            bias = old.bias
+        return HeldContact(
+            touch.finger, patch, touch.point.copy(), held, bias + depth - travel, bias
         )
+
+    def _depth(self, patch: ContactPatch, touch: Touch) -> float:
+        """How far the pin stands inside the outer face at rest, at a patch [m]."""
+        outer = patch.point - self._half_wall * patch.axis
+        return float((touch.point - outer) @ patch.axis)

@@ -138,6 +138,11 @@ class Estimator:
             return self.pose
         return self.adopted.pose if self.adopted is not None else IDENTITY
 
+    @property
+    def unbalance(self) -> float:
+        """Resultant of the measured forces of the last sample [N]: what the fit projects out."""
+        return 0.0 if self.sample is None else float(np.linalg.norm(self.sample.force.sum(axis=0)))
+
     def tick(self, sample: ContactSample) -> Served:
         """Answer one sample; see `Served`."""
         merged = one_row_per_finger(sample, self.settings.default_radius)

@@ -184,12 +184,13 @@ class EquilibriumTracker:
         `message`.
         """
         start = self.here(target.driven)
+        loose = self._loose_force()
         reached, step = 0.0, 1.0
         self._budget = self.options.tangents
         self.message = ''
         while reached < 1.0:
             trial = min(1.0, reached + step)
-            found = self._iterate(_between(start, target, trial))
+            found = self._iterate(_between(start, target, trial), (1.0 - trial) * loose)
             if found is not None:
                 self.state = found
                 self._fresh = False
@@ -214,8 +215,17 @@ class EquilibriumTracker:
             self._tangent = None
             self._system = None
 
-    def _iterate(self, target: Target) -> State | None:
-        """The state under `target`, or None.
+    def _loose_force(self) -> Array:
+        """(N,) force that keeps the present state but is no longer there.
+
+        A contact that left has taken its push and its grip with it: both are let go in steps.
+        """
+        rows, state = self._rows(), self.state
+        _, gradient = self.model.gradient(self.positions)
+        return gradient - rows.push @ state.force + rows.constraints @ state.multipliers
+
+    def _iterate(self, target: Target, extra: Array) -> State | None:
+        """The state under `target` and dead nodal forces `extra` (N,), or None.
 
         Chord iterations on the tangent at hand; where they contract too slowly, a new tangent.
         """
@@ -228,7 +238,7 @@ class EquilibriumTracker:
         before, tangents = np.inf, options.tangents_per_step
         for _ in range(options.iterations):
             step, multipliers = system.solve(
-                rows.push @ force - gradient, prescribed - constraints.T @ moved
+                rows.push @ force + extra - gradient, prescribed - constraints.T @ moved
             )
             if driven.any():
                 missing = (target.displacement - rows.measure.T @ (moved + step))[driven]
@@ -255,7 +265,7 @@ class EquilibriumTracker:
             scale = max(
                 float(np.linalg.norm(carried)), float(np.linalg.norm(held)), self._noise_force
             )
-            residual = float(np.linalg.norm(gradient - carried + held)) / scale
+            residual = float(np.linalg.norm(gradient - carried - extra + held)) / scale
             if not np.isfinite(residual):
                 self.message = 'the surface folded onto itself'
                 return None

@@ -1,0 +1,320 @@
+"""Figures of the live estimator: ticks, refreshes, the error of what is served, latencies.
+
+Part one runs the tick and a spawned background process without ROS; part two the real node against
+a publisher and, in the same run, an echo node. `main` prints rows (what, value, goal).
+
+    python tests/benchmarks/live.py [--seconds 60] [--runs 5] [--skip-ros] [--picture FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from shell_deform.building import build_model
+from shell_deform.live.condensed import contact_rows
+from shell_deform.live.estimator import Estimator, Settings
+from shell_deform.live.fusion import ErrorModel
+from shell_deform.live.pose import IDENTITY
+from shell_deform.live.sample import ContactSample
+from shell_deform.live.tracking import EquilibriumTracker, Target
+from shell_deform.live.worker_link import Build, WorkerProcess, empty_request
+from shell_deform.objects import load_object
+
+OUTER, PIN = 0.0325, 1e-3
+DIRECTIONS = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+RATE = 250.0
+SCANNER_M = 0.127e-3
+Row = tuple[str, str, str]
+
+
+def squeeze_sample(stamp: int, force: np.ndarray, depth: float) -> ContactSample:
+    """Two opposite pins on the ball at a depth [m], with their pushes (2,) [N]."""
+    inward = -DIRECTIONS
+    return ContactSample(
+        stamp=stamp,
+        finger=np.array([1, 2]),
+        flags=np.array([1, 1]),
+        point=OUTER * DIRECTIONS + depth * inward,
+        normal=inward,
+        force=force[:, None] * inward,
+        sigma_normal=np.full(2, 0.05),
+        sigma_tangential=np.full(2, 0.1),
+        radius=np.full(2, PIN),
+        travel=np.full(2, depth),
+        sigma_travel=np.full(2, 2e-5),
+    )
+
+
+class Truth:
+    """Converged equilibria of the squeeze on a fine table of depths."""
+
+    def __init__(self, object_name: str, vertices: int, step: float = 1e-4) -> None:
+        model = build_model(load_object(object_name), control_vertices=vertices)
+        tracker = EquilibriumTracker(model)
+        patches = tuple(model.contact(OUTER * d, PIN) for d in DIRECTIONS)
+        tracker.set_contacts(contact_rows(model, patches), np.zeros(2))
+        self.depths = np.arange(0.0, 10.4e-3, step)
+        self.forces = np.zeros((len(self.depths), 2))
+        self.surfaces = np.zeros((len(self.depths), len(model.rest), 3))
+        self.surfaces[0] = model.surface.limit_positions(model.rest)
+        for i, depth in enumerate(self.depths[1:], start=1):
+            here = tracker.here(np.ones(2, bool))
+            target = Target(here.force, np.full(2, depth), here.driven, here.rigid, here.held)
+            if tracker.advance(target) < 1.0:
+                raise RuntimeError(f'no equilibrium at {depth} m: {tracker.message}')
+            if i % 4 == 0:
+                tracker.condense()
+            self.forces[i] = tracker.state.force
+            self.surfaces[i] = model.surface.limit_positions(tracker.positions)
+
+    def at(self, depth: float) -> tuple[np.ndarray, np.ndarray]:
+        """Forces (2,) [N] and limit surface (n, 3) at a depth, between neighbours of the table."""
+        place = depth / (self.depths[1] - self.depths[0])
+        low = min(int(place), len(self.depths) - 2)
+        share = place - low
+        mix = [(1.0 - share) * a[low] + share * a[low + 1] for a in (self.forces, self.surfaces)]
+        return mix[0], mix[1]
+
+
+def depth_at(elapsed: float, seconds: float) -> float:
+    """Squeeze to 10 mm in `seconds` and back, smooth at the ends."""
+    return 5e-3 * (1.0 - np.cos(np.pi * min(elapsed / seconds, 2.0)))
+
+
+class Live:
+    """Estimator and background process, as in the node but without ROS."""
+
+    def __init__(self, vertices: int, errors: ErrorModel) -> None:
+        began = time.perf_counter()
+        self.worker = WorkerProcess(Build('tennis_ball', 'koiter', vertices))
+        while not self.worker.became_ready():
+            if not self.worker.alive:
+                raise RuntimeError('the background process ended')
+            time.sleep(0.001)
+        memory = self.worker.memory
+        assert memory is not None
+        self.estimator = Estimator(memory.rest, memory.rest_normals, Settings(errors))
+        self.estimator.pose = IDENTITY
+        self.estimator.warm_up()
+        self.request = empty_request()
+        self.results = 0
+        self.started = time.perf_counter() - began
+
+    def step(self, sample: ContactSample) -> np.ndarray:
+        """One tick with everything the node does besides ROS; the packed surface."""
+        slot = self.worker.newer_result()
+        if slot is not None:
+            self.estimator.adopt(slot)
+            self.results += 1
+        served = self.estimator.tick(sample)
+        self.estimator.fill_request(self.request[0])
+        self.worker.post(self.request)
+        return served.packed
+
+
+def squeeze(live: Live, truth: Truth, seconds: float) -> dict[str, float]:
+    """Play one squeeze in real time; errors against the truth at the same instants."""
+    errors, estimates, durations = [], [], []
+    warm = time.perf_counter()
+    while time.perf_counter() - warm < 1.5:
+        live.step(squeeze_sample(time.monotonic_ns(), truth.at(1e-5)[0], 1e-5))
+        time.sleep(1.0 / RATE)
+    before, start = live.results, time.perf_counter()
+    count = int(2.0 * seconds * RATE)
+    for i in range(count):
+        while time.perf_counter() - start < i / RATE:
+            time.sleep(2e-4)
+        depth = depth_at(time.perf_counter() - start, seconds)
+        force, surface = truth.at(depth)
+        sample = squeeze_sample(time.monotonic_ns(), force, depth)
+        began = time.perf_counter()
+        packed = live.step(sample)
+        durations.append(time.perf_counter() - began)
+        errors.append(np.linalg.norm(packed[:, :3] - surface, axis=1).max())
+        estimates.append(packed[:, 7].max())
+    elapsed = time.perf_counter() - start
+    return {
+        'p99': float(np.percentile(errors, 99)),
+        'worst': float(np.max(errors)),
+        'sigma': float(np.median(estimates)),
+        'refresh': (live.results - before) / elapsed,
+        'tick': float(np.median(durations)),
+        'tick_p99': float(np.percentile(durations, 99)),
+    }
+
+
+def tick_rows(vertices: int, goal: str) -> list[Row]:
+    """Median of 2 000 ticks with 2 contacts x 3 forces, background idle and busy."""
+    from shell_deform.messages import SurfaceWriter
+
+    live = Live(vertices, ErrorModel())
+    writer = SurfaceWriter(len(live.estimator.rest))
+    deadline = time.perf_counter() + 30.0
+    while live.results < 3 and time.perf_counter() < deadline:
+        live.step(squeeze_sample(time.monotonic_ns(), np.full(2, 5.0), 1e-3))
+        time.sleep(0.01)
+    times = []
+    for i in range(2000):
+        sample = squeeze_sample(i, np.full(2, 5.0 + 1e-3 * (i % 100)), 1e-3 + 1e-7 * (i % 100))
+        began = time.perf_counter()
+        served = live.estimator.tick(sample)
+        writer.message(served.packed, served.stamp, 'hand_base')
+        times.append(time.perf_counter() - began)
+        if i % 4 == 0:
+            live.step(sample)
+    live.worker.stop()
+    return [
+        (
+            f'tick and packing, {len(live.estimator.rest)} vertices, median (p99)',
+            f'{1e3 * np.median(times):.3f} ({1e3 * np.percentile(times, 99):.2f}) ms',
+            goal,
+        )
+    ]
+
+
+def squeeze_rows(vertices: int, refresh_goal: str) -> list[Row]:
+    """Refresh rate and served error over the squeeze to 10 mm in 2 s, and at 5 times the speed."""
+    truth = Truth('tennis_ball', vertices)
+    rows: list[Row] = []
+    sure = replace(ErrorModel(), mounting=1e-6, modulus=1e-3, model=0.0)
+    for seconds in (2.0, 0.4):
+        live = Live(vertices, sure)
+        found = squeeze(live, truth, seconds)
+        live.worker.stop()
+        name = f'{len(live.estimator.rest)} vertices, 10 mm in {seconds:g} s'
+        fast = seconds < 1.0
+        rows += [
+            (
+                f'nonlinear refresh, {name}',
+                f'{found["refresh"]:.0f} Hz',
+                '' if fast else refresh_goal,
+            ),
+            (
+                f'served against converged, p99 (max), {name}',
+                f'{1e3 * found["p99"]:.3f} ({1e3 * found["worst"]:.3f}) mm',
+                'reported' if fast else f'<= {1e3 * SCANNER_M:.3f} mm',
+            ),
+            (f'largest sigma served, median, {name}', f'{1e3 * found["sigma"]:.3f} mm', ''),
+            (
+                f'tick under way, median (p99), {name}',
+                f'{1e3 * found["tick"]:.2f} ({1e3 * found["tick_p99"]:.2f}) ms',
+                '',
+            ),
+        ]
+        if not fast:
+            rows.append(('background process ready after', f'{live.started:.1f} s', '<= 3 s'))
+    return rows
+
+
+def noise_rows(vertices: int, seeds: int = 10) -> list[Row]:
+    """Fused against force alone: 8-bit gauge, drift, dents of 5 to 9 mm, settled."""
+    truth = Truth('tennis_ball', vertices, step=2.5e-4)
+    errors: dict[str, list[float]] = {'force': [], 'fused': []}
+    for drive, found in errors.items():
+        live = Live(vertices, ErrorModel(drive=drive, drift=0.3, quantum=0.2))
+        for seed in range(seeds):
+            random = np.random.default_rng(seed)
+            depth = random.uniform(5e-3, 9e-3)
+            force, surface = truth.at(depth)
+            push = np.round((force + 0.3 * random.normal(size=2)) / 0.2) * 0.2
+            travel = depth + 2e-5 * random.normal()
+            before, packed = live.results, np.zeros(0)
+            deadline = time.perf_counter() + 20.0
+            while live.results < before + 8 and time.perf_counter() < deadline:
+                sample = squeeze_sample(time.monotonic_ns(), push, travel)
+                packed = live.step(sample)
+                time.sleep(0.005)
+            found.append(float(np.linalg.norm(packed[:, :3] - surface, axis=1).max()))
+        live.worker.stop()
+    force_error, fused_error = (float(np.median(errors[d])) for d in ('force', 'fused'))
+    return [
+        (
+            'noisy gauge beyond 5 mm: fused over force alone, surface error',
+            f'{fused_error / force_error:.2f} '
+            f'({1e3 * fused_error:.3f} / {1e3 * force_error:.3f} mm)',
+            '<= 0.5',
+        )
+    ]
+
+
+def latency_rows(seconds: float, runs: int, picture: Path | None) -> list[Row]:
+    """Message in to message out of the real node and of an echo node, at 250 Hz."""
+    here = Path(__file__).parent
+    medians, extras, lost, histograms = [], [], 0, []
+    for _ in range(runs):
+        environment = {**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        output = subprocess.run(
+            [sys.executable, str(here / 'live_latency.py'), str(seconds)],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=seconds + 120,
+            check=True,
+        ).stdout
+        found = json.loads(output)
+        node, echo = np.array(found['deformation']), np.array(found['echo'])
+        medians.append(float(np.median(node)))
+        extras.append(float(np.percentile(node, 99) - np.percentile(echo, 99)))
+        lost += found['sent'] - len(node)
+        histograms.append((node, echo))
+    if picture is not None:
+        _draw(picture, *histograms[-1])
+    return [
+        (
+            'contacts in to surface out, 250 Hz, median',
+            f'{1e3 * np.median(medians):.2f} ms',
+            '<= 2 ms',
+        ),
+        ('its p99 above that of an echo node', f'{1e3 * np.median(extras):.2f} ms', '<= 3 ms'),
+        ('samples not answered', f'{lost}', '0'),
+    ]
+
+
+def _draw(picture: Path, node: np.ndarray, echo: np.ndarray) -> None:
+    import matplotlib
+
+    matplotlib.use('Agg')
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(7, 3.5))
+    bins = np.linspace(0.0, 10.0, 101)
+    axes.hist(1e3 * echo, bins, alpha=0.6, label='echo node')
+    axes.hist(1e3 * node, bins, alpha=0.6, label='deformation')
+    axes.set(xlabel='message in to message out [ms]', ylabel='samples', yscale='log')
+    axes.legend()
+    figure.tight_layout()
+    figure.savefig(picture, dpi=120)
+
+
+def main() -> int:
+    """Print all rows; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--seconds', type=float, default=10.0, help='length of a latency run')
+    parser.add_argument('--runs', type=int, default=1, help='latency runs')
+    parser.add_argument('--skip-ros', action='store_true')
+    parser.add_argument('--skip-fine', action='store_true', help='only about 700 vertices')
+    parser.add_argument('--picture', type=Path, help='save the latency histogram here')
+    options = parser.parse_args()
+    rows = tick_rows(640, '<= 0.2 ms')
+    rows += squeeze_rows(640, '>= 20 Hz')
+    rows += noise_rows(640)
+    if not options.skip_fine:
+        rows += tick_rows(2500, '<= 0.5 ms') + squeeze_rows(2500, '>= 5 Hz')
+    if not options.skip_ros:
+        rows += latency_rows(options.seconds, options.runs, options.picture)
+    for row in rows:
+        print(' | '.join(row))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

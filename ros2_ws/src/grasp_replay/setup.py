@@ -20,7 +20,7 @@ setup(
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='Shell grasp maintainers',
-    maintainer_email='maintainers@users.noreply.h-seed-306f35c0.example',
+    maintainer_email='maintainers@example.org',
     description=(
         'Recorded grasps: record, check, repair, replay, and run the whole pipeline offline'
     ),

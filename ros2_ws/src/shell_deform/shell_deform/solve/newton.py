@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 
 # A step longer than this many of the last one is not extrapolated.
 LONGEST_PREDICTION = 2.0
+# One linear solve leaves round-off of the stiffest support spring; a singular one leaves all.
+LINEAR_RESIDUAL = 1e-4
 
 
 @dataclass(frozen=True)
@@ -338,8 +340,10 @@ class EquilibriumSolver:
             )
             if residual < options.tolerance + noise / scale or settled or linear:
                 state = Equilibrium(
-                    converged=bool(residual < 1e-6 if linear else True),
-                    message='' if residual < 1e-6 else 'the linear system is singular',
+                    converged=not linear or residual < LINEAR_RESIDUAL,
+                    message='the linear system is singular'
+                    if linear and residual >= LINEAR_RESIDUAL
+                    else '',
                     positions=positions,
                     force=pushes,
                     displacement=edge.measure.T @ free,

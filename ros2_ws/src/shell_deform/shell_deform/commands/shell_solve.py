@@ -103,7 +103,7 @@ def _point(solved: Solved) -> dict[str, Any]:
         'gas_pressure_pa': state.gas_pressure,
         'iterations': state.iterations,
         'seconds': solved.seconds,
-        'stable': bool(state.stable),
+        'stable': state.stable is not False,
     }
 
 

@@ -98,7 +98,7 @@ def shell_tangent(
     for element in range(len(node_offsets) - 1):
         largest = max(largest, node_offsets[element + 1] - node_offsets[element])
     stiffness = np.empty((3 * largest, 3, largest))
-    transposed = np.empty((5, largest))
+    transposed, left = np.empty((5, largest)), np.empty(15)
     total = 0.0
     for element in range(len(node_offsets) - 1):
         own = nodes[node_offsets[element] : node_offsets[element + 1]]
@@ -140,17 +140,27 @@ def shell_tangent(
                     transposed[d, k] = row[k, d]
                     for i in range(3):
                         gradient[own[k], i] += row[k, d] * force[3 * d + i]
+            t_0, t_1, t_2 = transposed[0], transposed[1], transposed[2]
+            t_3, t_4 = transposed[3], transposed[4]
             for k in range(size):
                 for i in range(3):
+                    left[:] = 0.0
+                    for d in range(5):
+                        factor = row[k, d]
+                        for e in range(15):
+                            left[e] += factor * hessian[3 * d + i, e]
                     for j in range(3):
                         target = stiffness[3 * k + i, j]
-                        for e in range(5):
-                            value = 0.0
-                            for d in range(5):
-                                value += row[k, d] * hessian[3 * d + i, 3 * e + j]
-                            basis = transposed[e]
-                            for m in range(k, size):
-                                target[m] += value * basis[m]
+                        l_0, l_1, l_2 = left[j], left[3 + j], left[6 + j]
+                        l_3, l_4 = left[9 + j], left[12 + j]
+                        for m in range(k, size):
+                            target[m] += (
+                                l_0 * t_0[m]
+                                + l_1 * t_1[m]
+                                + l_2 * t_2[m]
+                                + l_3 * t_3[m]
+                                + l_4 * t_4[m]
+                            )
         start = block_offsets[element]
         for k in range(size):
             for m in range(k, size):

@@ -3,13 +3,19 @@
 Modules of kernels import `compiled` and so need numba; whoever uses them asks `HAVE_NUMBA` first
 and takes the plain numpy twin otherwise. A read-only installation keeps its cache where
 NUMBA_CACHE_DIR, or numba's own per-user fallback, says.
+
+A cached kernel contains the kernels it calls, but numba looks at its own file only. So the name
+under which a kernel is cached carries a digest of all kernel sources: a change in any of them
+compiles all anew, and nothing stale is ever run.
 """
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 Function = TypeVar('Function', bound=Callable[..., Any])
@@ -25,9 +31,31 @@ if not HAVE_NUMBA:  # pragma: no cover - numba is there in every locked environm
     )
 
 
+KERNEL_SOURCES = ('**/*kernel*.py', 'solve/multifrontal*.py', 'solve/nested_dissection.py')
+
+
+def _revision() -> str:
+    """Digest of all kernel sources of the package."""
+    package = Path(__file__).parent
+    sources = {source for pattern in KERNEL_SOURCES for source in package.glob(pattern)}
+    digest = hashlib.sha256()
+    for source in sorted(sources):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+REVISION = _revision()
+
+
+def revised(function: Function) -> Function:
+    """The function under the name that its cache entry shall have."""
+    function.__qualname__ = f'{function.__qualname__}_{REVISION}'
+    return function
+
+
 def compiled(function: Function) -> Function:
     """Compile `function` on first use."""
     import numba
 
-    result: Any = numba.njit(nogil=True, cache=True, error_model='numpy')(function)
+    result: Any = numba.njit(nogil=True, cache=True, error_model='numpy')(revised(function))
     return cast(Function, result)

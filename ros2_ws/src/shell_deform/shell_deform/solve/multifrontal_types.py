@@ -6,13 +6,13 @@ again for every constant that a caller happens to pass; later starts load it fro
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numba
 from numba import types
+
+from shell_deform.compiled import revised
 
 Bool, Int, Float, Void = types.boolean, types.int64, types.float64, types.void
 Floats = types.float64[::1]
@@ -43,21 +43,6 @@ Pivots = types.Tuple((Bools, Floats, Floats))
 Weak = types.Tuple((Ints, Floats, Longs))
 
 
-def _revision() -> str:
-    """Digest of all multifrontal sources.
-
-    A cached kernel contains the kernels it calls, but numba looks at its own file only: without
-    this a kernel would keep an old version of another file's code.
-    """
-    digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.glob('multifrontal*.py')):
-        digest.update(source.read_bytes())
-    return digest.hexdigest()[:12]
-
-
-REVISION = _revision()
-
-
 def kernel(
     result: Any, *arguments: Any, called_from_python: bool = False
 ) -> Callable[[Callable[..., Any]], Any]:
@@ -72,7 +57,6 @@ def kernel(
     compile_function = numba.njit(result(*arguments), **options)
 
     def decorate(function: Callable[..., Any]) -> Any:
-        function.__qualname__ = f'{function.__qualname__}_{REVISION}'
-        return compile_function(function)
+        return compile_function(revised(function))
 
     return decorate

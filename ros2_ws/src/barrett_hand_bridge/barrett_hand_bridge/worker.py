@@ -28,6 +28,7 @@ from barrett_hand_bridge.tare import TARE_SAMPLES
 FIRST_WAIT_S = 0.1
 LONGEST_WAIT_S = 5.0
 NOT_READY_PERIOD_S = 0.25
+COMMAND_PERIOD_S = 0.02
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,8 @@ class HandWorker:
         self._make_observer = make_observer
         self._tell = tell
         self._strain_limit_nm = strain_limit_nm
-        self._ticks = threading.Semaphore(0) if paced_by_ticks else None
+        # One tick at most waits: those that come during an initialisation are no backlog.
+        self._ticks = threading.Event() if paced_by_ticks else None
         self._commands: queue.SimpleQueue[_Command] = queue.SimpleQueue()
         self._stopping = threading.Event()
         self._stop_motion = threading.Event()
@@ -140,7 +142,7 @@ class HandWorker:
     def tick(self) -> None:
         """Allow one more cycle."""
         if self._ticks is not None:
-            self._ticks.release()
+            self._ticks.set()
 
     def submit(self, kind: str, motion: Motion | None = None) -> Future[Outcome]:
         """Ask for `initialize`, `tare`, `stop` or `move` (with a motion)."""
@@ -150,7 +152,6 @@ class HandWorker:
             if self._in_initialise:
                 self._hand.abort()
         self._commands.put(_Command(kind, future, motion))
-        self.tick()
         return future
 
     def end(self) -> None:
@@ -159,7 +160,6 @@ class HandWorker:
         self._stop_motion.set()
         if self._in_initialise:
             self._hand.abort()
-        self.tick()
         if self._thread.is_alive():
             self._thread.join(timeout=10.0)
 
@@ -200,8 +200,10 @@ class HandWorker:
 
     def _turn(self) -> None:
         self._obey()
-        if self._ticks is not None and not self._ticks.acquire(timeout=0.1):
-            return
+        if self._ticks is not None:
+            if not self._ticks.wait(COMMAND_PERIOD_S):
+                return
+            self._ticks.clear()
         if self._stop_motion.is_set() and self._motion is None:
             self._stop_motion.clear()
         try:

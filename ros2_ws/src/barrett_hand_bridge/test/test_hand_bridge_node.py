@@ -52,8 +52,12 @@ class Listener:
             PointCloud2, 'hand/contacts', self._on_contacts, qos_profile_sensor_data
         )
         self.node.create_subscription(
-            DiagnosticArray, '/diagnostics', self.diagnostics.append, QoSProfile(depth=10)
+            DiagnosticArray, '/diagnostics', self._on_diagnostics, QoSProfile(depth=10)
         )
+
+    def _on_diagnostics(self, message):
+        if message.status[0].name == 'hand_bridge: hand':
+            self.diagnostics.append(message)
 
     def _on_contacts(self, message):
         self.contacts.append(np.frombuffer(bytes(message.data), CONTACT_TYPE))

@@ -5,7 +5,7 @@ import pytest
 from barrett_hand_bridge.emulator.direct_port import DirectPort
 from barrett_hand_bridge.emulator.mechanics import HandBody, HandMechanics
 from barrett_hand_bridge.emulator.serial_hand import SerialHand as EmulatedHand
-from barrett_hand_bridge.gcl import driver
+from barrett_hand_bridge.gcl import driver, line
 from barrett_hand_bridge.gcl.driver import SerialHand, open_port
 from barrett_hand_bridge.hand import HandError, HandNotInitialisedError
 
@@ -232,7 +232,9 @@ def test_closing_stops_the_motors(emulated):
     assert emulated.loop is None
 
 
-def test_a_silent_line_is_one_clear_sentence():
+def test_a_silent_line_is_one_clear_sentence(monkeypatch):
+    monkeypatch.setattr(line, 'LONG_PATIENCE_S', 0.1)
+
     class Silence:
         baudrate, timeout, in_waiting = 9600, 0.0, 0
 

@@ -215,8 +215,6 @@ def test_the_end_closes_the_hand_and_answers_what_was_asked(bench, wait_until):
 def test_ticks_pace_the_cycles(bench, wait_until):
     worker, hand, events = bench(paced_by_ticks=True)
     seen(events, Connected, wait_until)
-    for _ in range(3):
+    for number in range(1, 5):
         worker.tick()
-    seen(events, Observed, wait_until, 3)
-    worker.tick()
-    assert len(seen(events, Observed, wait_until, 4)) == 4
+        assert len(seen(events, Observed, wait_until, number)) == number

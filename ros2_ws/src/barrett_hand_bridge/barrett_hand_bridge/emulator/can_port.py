@@ -17,7 +17,7 @@ import can
 
 from barrett_hand_bridge.emulator.can_hand import CanHand, OutgoingFrame
 from barrett_hand_bridge.emulator.faults import Fault, FaultPlan
-from barrett_hand_bridge.emulator.pty_port import sharpen_timers
+from barrett_hand_bridge.emulator.pty_port import LONGEST_STEP_S, sharpen_timers
 
 FRAME_OVERHEAD_BITS = 47
 BIT_S = 1e-6
@@ -80,7 +80,7 @@ class BusSchedule:
 
     def _live_until(self, now: float) -> None:
         if now > self._now:
-            self.hand.advance(min(now - self._now, 1.0))
+            self.hand.advance(min(now - self._now, LONGEST_STEP_S))
             self._now = now
 
     def _strike(self, now: float) -> None:

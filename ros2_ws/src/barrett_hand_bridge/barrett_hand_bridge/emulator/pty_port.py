@@ -25,6 +25,7 @@ from barrett_hand_bridge.emulator.serial_hand import SerialHand
 PR_SET_TIMERSLACK = 29
 BITS_PER_BYTE = 10
 IDLE_TICK_S = 0.005
+LONGEST_STEP_S = 0.05
 SPEEDS = {
     getattr(termios, f'B{speed}'): speed for speed in (600, 1200, 2400, 4800, 9600, 19200, 38400)
 }
@@ -174,7 +175,8 @@ class PtyPort:
 
     def _live_until(self, at: float) -> None:
         if self._real_time and at > self._now:
-            self.hand.advance(min(at - self._now, 1.0))
+            # A starved process skips time: catching up would only starve it further.
+            self.hand.advance(min(at - self._now, LONGEST_STEP_S))
             self._now = at
 
     def _collect(self, at: float) -> None:

@@ -41,7 +41,7 @@ from barrett_hand_bridge.hand import (
 NOT_INITIALISED = 4
 INITIALISE_TIMEOUT_S = 20.0
 NO_GAUGE_COUNTS = 255
-PATIENCE_S = 1.0
+PATIENCE_S = 2.0
 LATE_PERIODS = 2.8
 
 

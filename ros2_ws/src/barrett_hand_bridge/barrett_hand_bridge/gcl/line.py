@@ -16,7 +16,9 @@ from barrett_hand_bridge.gcl.language import (
 )
 
 BITS_PER_BYTE = 10
-ANSWER_TIMEOUT_S = 1.0
+ANSWER_TIMEOUT_S = 2.0
+SHORT_PATIENCE_S = 0.3
+LONG_PATIENCE_S = 1.5
 
 
 class Port(Protocol):
@@ -100,8 +102,10 @@ class Line:
             data += fresh
         return bytes(data)
 
-    def resynchronise(self) -> None:
+    def resynchronise(self, patience_s: float = LONG_PATIENCE_S) -> None:
         """Leave RealTime mode or a motion if there is one, clear errors, end at a fresh prompt.
+
+        `patience_s`: how long each of three attempts waits for the prompt.
 
         Raises:
             HandLinkError: no prompt comes at this line speed.
@@ -110,7 +114,7 @@ class Line:
         heard = self.drain()
         for _ in range(3):
             self.port.write(CARRIAGE_RETURN)
-            answer = self.until_prompt(0.3 + 20 * self.byte_s)
+            answer = self.until_prompt(patience_s + 20 * self.byte_s)
             heard += answer
             if answer.endswith(PROMPT) and not self.drain():
                 return
@@ -125,13 +129,14 @@ class Line:
         Raises:
             HandLinkError: at none of them.
         """
-        for speed in speeds:
-            self.port.baudrate = speed
-            try:
-                self.resynchronise()
-                return speed
-            except HandLinkError:
-                continue
+        for patience_s in (SHORT_PATIENCE_S, LONG_PATIENCE_S):
+            for speed in speeds:
+                self.port.baudrate = speed
+                try:
+                    self.resynchronise(patience_s)
+                    return speed
+                except HandLinkError:
+                    continue
         tried = ', '.join(str(speed) for speed in speeds)
         raise HandLinkError(f'no prompt from the hand at {tried} baud')
 

@@ -34,7 +34,6 @@ from rclpy.node import Node  # noqa: E402
 from rclpy.qos import (  # noqa: E402
     DurabilityPolicy,
     QoSProfile,
-    qos_profile_sensor_data,
 )
 from sensor_msgs.msg import PointCloud2  # noqa: E402
 from shape_msgs.msg import Mesh  # noqa: E402
@@ -50,8 +49,7 @@ class Listener(Node):
         self.samples: set[int] = set()
         self.errors: list[float] = []
         self.meshes = 0
-        many = qos_profile_sensor_data
-        many.depth = 2000
+        many = QoSProfile(depth=5000)
         self.create_subscription(PointCloud2, 'hand/contacts', self._sample, many)
         self.create_subscription(PointCloud2, 'deformation/surface', self._surface, many)
         self.create_subscription(Float64, 'scan/mean_error', self._error, 10)

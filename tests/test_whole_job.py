@@ -1,0 +1,80 @@
+"""The whole job as processes on their own ROS domain: a recorded grasp through the live nodes."""
+
+from pathlib import Path
+
+import pytest
+import rclpy
+import yaml
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh
+from std_msgs.msg import Float64, String
+
+BAG = Path(__file__).resolve().parent.parent / 'bags' / 'tennis_ball_two_finger'
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Listener:
+    """What the nodes say, kept by topic."""
+
+    def __init__(self):
+        self.node = rclpy.create_node('whole_job_listener')
+        self.asked, self.answered, self.states = [], [], []
+        self.meshes, self.largest, self.mean_errors = [], [], []
+        many = QoSProfile(depth=5000)
+        listen = self.node.create_subscription
+        listen(PointCloud2, 'hand/contacts', lambda m: self.asked.append(_stamp(m)), many)
+        listen(PointCloud2, 'deformation/surface', self._surface, many)
+        listen(Mesh, 'deformation/mesh', self.meshes.append, LATCHED)
+        listen(String, 'deformation/state', lambda m: self.states.append(m.data), LATCHED)
+        listen(Float64, 'deformation/max_displacement', lambda m: self.largest.append(m.data), 10)
+        listen(Float64, 'scan/mean_error', lambda m: self.mean_errors.append(m.data), 10)
+
+    def _surface(self, message):
+        self.answered.append(_stamp(message))
+        self.fields = [field.name for field in message.fields]
+
+    def spin_until(self, condition, timeout):
+        deadline = self.node.get_clock().now().nanoseconds + int(timeout * 1e9)
+        while not condition():
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+            assert self.node.get_clock().now().nanoseconds < deadline, 'condition not met in time'
+
+
+def _stamp(message):
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+@pytest.fixture
+def listener(domain_id):
+    rclpy.init(domain_id=domain_id)
+    listener = Listener()
+    yield listener
+    listener.node.destroy_node()
+    rclpy.try_shutdown()
+
+
+@pytest.mark.timeout(240)
+def test_every_recorded_sample_is_answered_and_every_scan_judged(listener, start):
+    pose = yaml.safe_load((BAG / 'experiment.yaml').read_text())['object_pose']
+    parameters = ['--ros-args', '-p', 'object:=tennis_ball', '-p', f'object_pose:={pose}']
+    nodes = [start('deformation', *parameters), start('scan_compare', *parameters)]
+    listener.spin_until(lambda: listener.meshes, 90)
+    player = start(
+        'replay', BAG, '--wait', '30', '--topics', '/hand/contacts', '/scan/points', '/object_pose',
+        '--lockstep', '/hand/contacts:=/deformation/surface', '/scan/points:=/scan/error',
+        '--lockstep-timeout', '30',
+    )  # fmt: skip
+    listener.spin_until(lambda: player.process.poll() is not None, 120)
+    assert player.process.returncode == 0, player.text
+    listener.spin_until(lambda: set(listener.asked) <= set(listener.answered), 20)
+    listener.spin_until(lambda: len(listener.mean_errors) >= 5, 40)
+
+    assert len(set(listener.asked)) == 2660
+    assert listener.answered == sorted(listener.answered)
+    assert listener.fields == ['x', 'y', 'z', 'ux', 'uy', 'uz', 'displacement', 'sigma']
+    assert 'CONTACT' in listener.states
+    assert 8.5e-3 < max(listener.largest) < 11.5e-3
+    assert listener.mean_errors[0] < 0.2e-3
+    assert max(listener.mean_errors) < 0.6e-3
+    assert [node.stop() for node in nodes] == [0, 0]

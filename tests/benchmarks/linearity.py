@@ -3,8 +3,8 @@
 Every shell is a random sphere, ellipsoid or closed cylinder (R/h 10-100, Poisson's ratio,
 pressure, pin radius) squeezed by two opposite pins to four depths. The truth is the difference of
 the linear and the converged nonlinear displacement field under the same forces; the prediction is
-what the live tick computes. `main` prints how both agree, the depth at which linear theory is wrong
-by 5 and 10 %, and where the prediction fails.
+what the live tick computes. `main` prints how both agree, the depth at which linear theory is
+wrong by 5 and 10 %, and where the prediction fails.
 
     python tests/benchmarks/linearity.py --shells 1000 --results shells.jsonl
     python tests/benchmarks/linearity.py --results shells.jsonl --report docs/linearity.md

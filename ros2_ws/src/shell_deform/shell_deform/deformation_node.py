@@ -41,7 +41,7 @@ SCALARS = (
     'snap_margin',
     'contradiction',
 )
-REBUILD_PARAMETERS = frozenset({'object', 'theory', 'control_vertices'})
+REBUILD_PARAMETERS = frozenset({'object', 'theory', 'control_vertices', 'background_niceness'})
 
 
 class DeformationNode(Node):
@@ -352,7 +352,12 @@ class DeformationNode(Node):
 
 
 def _build(values: dict[str, Any]) -> Build:
-    return Build(str(values['object']), str(values['theory']), int(values['control_vertices']))
+    return Build(
+        str(values['object']),
+        str(values['theory']),
+        int(values['control_vertices']),
+        int(values['background_niceness']),
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -38,6 +38,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter('object', 'tennis_ball', 'name of a shipped object, or an object file'),
     Parameter('theory', 'koiter', 'strain measure of the nonlinear answer', choices=NONLINEAR),
     Parameter('control_vertices', 0, "control vertices; 0: the object file's own", 0, 20000),
+    Parameter('background_niceness', 10, 'niceness of the background process', 0, 19),
     Parameter(
         'object_pose',
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0],
@@ -125,3 +126,26 @@ def settings(values: Mapping[str, Any]) -> Settings:
         ),
         default_radius=float(values['pin_radius']),
     )
+
+
+def usage() -> str:
+    """What `deformation --help` prints: every parameter with its unit, range and default."""
+    lines = [
+        'usage: deformation [-h] [--ros-args -p NAME:=VALUE ...]',
+        '',
+        'The deformed surface for every sample of hand/contacts. SI units.',
+        '',
+        'parameters:',
+    ]
+    for parameter in PARAMETERS:
+        lines.append(f'  {parameter.name} (default {parameter.default!r})')
+        lines.append(f'      {parameter.description}{_limits(parameter)}')
+    return '\n'.join(lines)
+
+
+def _limits(parameter: Parameter) -> str:
+    if parameter.choices:
+        return f' (one of {", ".join(map(str, parameter.choices))})'
+    if parameter.lowest is not None and parameter.highest is not None:
+        return f' ({parameter.lowest:g} to {parameter.highest:g})'
+    return ''

@@ -65,7 +65,9 @@ def hand():
 
 @pytest.fixture(scope='module')
 def node(hand, tmp_path_factory):
-    running = Node(tmp_path_factory.mktemp('deformation') / 'log', 'drive:=motion')
+    running = Node(
+        tmp_path_factory.mktemp('deformation') / 'log', 'drive:=motion', 'background_niceness:=0'
+    )
     wait(hand, lambda: 'serving' in running.text)
     wait(hand, lambda: hand.contacts.get_subscription_count() > 0)
     wait(hand, lambda: hand.node.count_publishers('deformation/surface') > 0)
@@ -130,7 +132,8 @@ def test_linear_and_nonlinear_answers_part_at_large_dents(node, hand):
 
 def test_silence_is_stale_and_nothing_is_served_meanwhile(node, hand):
     hand.stream(squeezed(1e-3, 5.0), lambda: 'CONTACT' in hand.states and len(hand.surfaces) > 20)
-    hand.spin(0.5)
+    wait(hand, lambda: hand.state == 'STALE')
+    hand.spin(1.0)
     assert hand.state == 'STALE'
     count = len(hand.surfaces)
     hand.spin(0.3)

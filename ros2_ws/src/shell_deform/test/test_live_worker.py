@@ -20,7 +20,7 @@ from shell_deform.live.worker_link import (
     empty_request,
 )
 
-BALL = Build('tennis_ball_as_printed', 'koiter', 150)
+BALL = Build('tennis_ball_as_printed', 'koiter', 150, niceness=0)
 
 
 def until(condition, timeout=60.0):

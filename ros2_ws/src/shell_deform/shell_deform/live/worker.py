@@ -22,7 +22,6 @@ from shell_deform.live.exchange import Layout, SharedMemory, create
 from shell_deform.live.solving import LiveSolver, load_of
 from shell_deform.model import ShellModel
 
-NICENESS = 10
 FAILURES_TO_GIVE_UP = 5
 
 
@@ -102,9 +101,9 @@ class Loop:
 def main() -> int:
     """Run the process; returns the exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.nice(NICENESS)
     connection = socket.socket(fileno=int(sys.argv[1]))
     options = json.loads(connection.makefile('r').readline())
+    os.nice(int(options['niceness']))
     try:
         solver = LiveSolver(build(options))
     except (ValueError, OSError) as error:

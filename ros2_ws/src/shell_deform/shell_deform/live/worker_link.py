@@ -30,11 +30,15 @@ class WorkerError(RuntimeError):
 
 @dataclass(frozen=True)
 class Build:
-    """What to build: object name or file, theory, control vertices (0: the object's own)."""
+    """What to build: object name or file, theory, control vertices (0: the object's own).
+
+    `niceness` is what the process adds to its own, to leave the processor to the fast loop.
+    """
 
     object_name: str
     theory: str
     control_vertices: int = 0
+    niceness: int = 10
 
 
 class WorkerProcess:
@@ -62,6 +66,7 @@ class WorkerProcess:
             'object': build.object_name,
             'theory': build.theory,
             'control_vertices': build.control_vertices,
+            'niceness': build.niceness,
         }
         ours.sendall(json.dumps(options).encode() + b'\n')
         ours.setblocking(False)

@@ -232,9 +232,9 @@ class EquilibriumSolver:
 
     def system(self, tangent: Tangent, edge: Borders) -> BorderedSystem:
         """The factorised system of a tangent: sparse stiffness and all borders of a load case."""
-        return self._system(tangent, edge)[0]
+        return self.system_and_factor(tangent, edge)[0]
 
-    def _system(self, tangent: Tangent, edge: Borders) -> tuple[BorderedSystem, Factor]:
+    def system_and_factor(self, tangent: Tangent, edge: Borders) -> tuple[BorderedSystem, Factor]:
         """Bordered system: unknown pushes, held rows, springs taken back, gas."""
         matrix = tangent.stiffness.copy()
         springs = self.model.springs
@@ -411,10 +411,16 @@ class EquilibriumSolver:
         """
         symmetric = replace(edge, measure=-edge.push)
         tangent = self.model.tangent(state.positions)
-        system, factor = self._system(tangent, symmetric)
-        negative = factor.inertia.negative + int(np.sum(np.linalg.eigvalsh(system.schur) < 0))
-        constraints = int(edge.driven.sum()) + edge.held.shape[1]
-        return negative - constraints - (1 if tangent.gas_stiffness else 0)
+        return negative_directions(*self.system_and_factor(tangent, symmetric), symmetric, tangent)
+
+
+def negative_directions(
+    system: BorderedSystem, factor: Factor, edge: Borders, tangent: Tangent
+) -> int:
+    """Negative directions of a factorised system with symmetric borders; see `negative_modes`."""
+    negative = factor.inertia.negative + int(np.sum(np.linalg.eigvalsh(system.schur) < 0))
+    constraints = int(edge.driven.sum()) + edge.held.shape[1]
+    return negative - constraints - (1 if tangent.gas_stiffness else 0)
 
 
 def _control(case: LoadCase, loads: StepLoads) -> Array:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from shell_deform.model import ShellModel
 from shell_deform.solve.borders import Borders, borders
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase
-from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.newton import EquilibriumSolver, negative_directions
 
 Array = NDArray[np.float64]
 
@@ -59,8 +59,7 @@ def snap_margin(
     edge = symmetric(borders(solver.model, case))
     if rest_stiffness is None:
         rest_stiffness = smallest_stiffness(solver, edge, solver.model.rest)[0]
-    stiffness, mode = smallest_stiffness(solver, edge, state.positions)
-    negative = solver.negative_modes(edge, state)
+    stiffness, mode, negative = smallest_stiffness(solver, edge, state.positions)
     return SnapMargin(stiffness / rest_stiffness, stiffness, rest_stiffness, negative, mode)
 
 
@@ -71,13 +70,14 @@ def symmetric(edge: Borders) -> Borders:
 
 def smallest_stiffness(
     solver: EquilibriumSolver, edge: Borders, positions: Array
-) -> tuple[float, Array]:
-    """Stiffness [N/m] nearest to zero at control positions (n, 3), and its motion (n, 3).
+) -> tuple[float, Array, int]:
+    """Stiffness [N/m] nearest to zero at control positions (n, 3), its motion, negative modes.
 
     `edge` must be symmetric. A state beyond the snap has a negative one.
     """
     model = solver.model
-    system = solver.system(model.tangent(positions), edge)
+    tangent = model.tangent(positions)
+    system, factor = solver.system_and_factor(tangent, edge)
     weight = np.repeat(np.sqrt(surface_shares(model)), 3)
     below = np.zeros(system.schur.shape[0])
 
@@ -90,7 +90,7 @@ def smallest_stiffness(
     values, vectors = sla.eigsh(operator, k=1, which='LM', v0=start, tol=TOLERANCE)
     stiffness = 1.0 / float(values[0])
     mode = stiffness * system.solve(weight * vectors[:, 0], below, refinements=0)[0]
-    return stiffness, mode.reshape(-1, 3)
+    return stiffness, mode.reshape(-1, 3), negative_directions(system, factor, edge, tangent)
 
 
 def surface_shares(model: ShellModel) -> Array:

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.model import ShellModel
+from shell_deform.model import ShellModel, Tangent
+from shell_deform.solve.bordered import BorderedSystem
 from shell_deform.solve.equilibrium import LoadCase
+from shell_deform.solve.factor_base import Factor
 from shell_deform.supports import free_rigid_modes
 
 Array = NDArray[np.float64]
@@ -64,6 +66,15 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
         dead=dead.reshape(-1),
         driven=case.driven,
     )
+
+
+def negative_directions(
+    system: BorderedSystem, factor: Factor, edge: Borders, tangent: Tangent
+) -> int:
+    """Negative directions of a factorised system with symmetric borders."""
+    negative = factor.inertia.negative + int(np.sum(np.linalg.eigvalsh(system.schur) < 0))
+    constraints = int(edge.driven.sum()) + edge.held.shape[1]
+    return negative - constraints - (1 if tangent.gas_stiffness else 0)
 
 
 def _independent(rows: Array) -> Array:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from shell_deform.solve.borders import Borders, borders
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, forced
-from shell_deform.solve.newton import EquilibriumSolver, StepLoads
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.prediction import StepLoads
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from shell_deform.model import ShellModel, Tangent, diagonal_entry
 from shell_deform.solve.bordered import BorderedSystem
-from shell_deform.solve.borders import Borders, borders
+from shell_deform.solve.borders import Borders, borders, negative_directions
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, PathState
 from shell_deform.solve.factor import (
     Factor,
@@ -24,12 +24,11 @@ from shell_deform.solve.factor import (
     analyse,
     factorise,
 )
+from shell_deform.solve.prediction import StepLoads, control_of, predicted
 from shell_deform.theory import THEORIES
 
 Array = NDArray[np.float64]
 
-# A step longer than this many of the last one is not extrapolated.
-LONGEST_PREDICTION = 2.0
 # One linear solve leaves round-off of the stiffest support spring; a singular one leaves all.
 LINEAR_RESIDUAL = 1e-4
 
@@ -58,34 +57,6 @@ class NewtonOptions:
     largest_move: float = 8.0
     settled_move: float = 1e-9
     stability: bool = False
-
-
-@dataclass(frozen=True)
-class StepLoads:
-    """What one load step prescribes.
-
-    Attributes:
-        force: (k,) pushes [N], read where they are prescribed. moved: (k,) centre displacements
-            [m], likewise. dead: (N,) other dead load [N]. target: what supports are moved to.
-    """
-
-    force: Array
-    moved: Array
-    dead: Array
-    target: Array | None = None
-
-    def towards(self, goal: StepLoads, fraction: float) -> StepLoads:
-        """The loads at this fraction of the way to `goal`."""
-        target = goal.target
-        if target is not None:
-            start = np.zeros_like(target) if self.target is None else self.target
-            target = start + fraction * (target - start)
-        return StepLoads(
-            self.force + fraction * (goal.force - self.force),
-            self.moved + fraction * (goal.moved - self.moved),
-            self.dead + fraction * (goal.dead - self.dead),
-            target,
-        )
 
 
 class EquilibriumSolver:
@@ -136,8 +107,8 @@ class EquilibriumSolver:
         while fraction < 1.0 - 1e-12:
             trial = min(1.0, fraction + step)
             loads = first.towards(goal, trial)
-            control = _control(case, loads)
-            found = self.step(edge, loads, here, _predicted(here, control))
+            control = control_of(case, loads)
+            found = self.step(edge, loads, here, predicted(here, control))
             iterations += found.iterations
             factorisations += found.factorisations
             if found.converged:
@@ -412,45 +383,3 @@ class EquilibriumSolver:
         symmetric = replace(edge, measure=-edge.push)
         tangent = self.model.tangent(state.positions)
         return negative_directions(*self.system_and_factor(tangent, symmetric), symmetric, tangent)
-
-
-def negative_directions(
-    system: BorderedSystem, factor: Factor, edge: Borders, tangent: Tangent
-) -> int:
-    """Negative directions of a factorised system with symmetric borders; see `negative_modes`."""
-    negative = factor.inertia.negative + int(np.sum(np.linalg.eigvalsh(system.schur) < 0))
-    constraints = int(edge.driven.sum()) + edge.held.shape[1]
-    return negative - constraints - (1 if tangent.gas_stiffness else 0)
-
-
-def _control(case: LoadCase, loads: StepLoads) -> Array:
-    """What is prescribed, as one vector along which a path can be continued."""
-    others = [np.linalg.norm(loads.dead)]
-    if loads.target is not None:
-        others.append(np.linalg.norm(loads.target))
-    return np.concatenate([np.where(case.driven, loads.moved, loads.force), others])
-
-
-def _predicted(here: Equilibrium, control: Array) -> Array | None:
-    """Control points expected at `control` (k,), by the parabola through the last states.
-
-    None where the path behind says nothing: too short, or a step back or aside.
-    """
-    path = here.history
-    if len(path) < 2 or len(path[-1].control) != len(control):
-        return None
-    last = path[-1].control - path[-2].control
-    length = float(last @ last)
-    ahead = float((control - path[-1].control) @ last) / length if length > 0 else 0.0
-    if not 0.0 < ahead <= LONGEST_PREDICTION:
-        return None
-    now, then = path[-1].positions, path[-2].positions
-    if len(path) < 3 or len(path[-3].control) != len(control):
-        return now + ahead * (now - then)
-    gap = float((path[-2].control - path[-3].control) @ last) / length
-    if gap <= 0.0:
-        return now + ahead * (now - then)
-    first = (ahead + 1.0) * (ahead + 1.0 + gap) / (1.0 + gap)
-    second = -ahead * (ahead + 1.0 + gap) / gap
-    third = ahead * (ahead + 1.0) / (gap * (1.0 + gap))
-    return first * now + second * then + third * path[-3].positions

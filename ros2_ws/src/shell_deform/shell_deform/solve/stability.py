@@ -15,9 +15,9 @@ import scipy.sparse.linalg as sla
 from numpy.typing import NDArray
 
 from shell_deform.model import ShellModel
-from shell_deform.solve.borders import Borders, borders
+from shell_deform.solve.borders import Borders, borders, negative_directions
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase
-from shell_deform.solve.newton import EquilibriumSolver, negative_directions
+from shell_deform.solve.newton import EquilibriumSolver
 
 Array = NDArray[np.float64]
 

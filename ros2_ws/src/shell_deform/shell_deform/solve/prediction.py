@@ -1,0 +1,76 @@
+"""Loads on the way to a load case, and where the path through the last states leads next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.solve.equilibrium import Equilibrium, LoadCase
+
+Array = NDArray[np.float64]
+
+# A step longer than this many of the last one is not extrapolated.
+LONGEST_PREDICTION = 2.0
+
+
+@dataclass(frozen=True)
+class StepLoads:
+    """What one load step prescribes.
+
+    Attributes:
+        force: (k,) pushes [N], read where they are prescribed. moved: (k,) centre displacements
+            [m], likewise. dead: (N,) other dead load [N]. target: what supports are moved to.
+    """
+
+    force: Array
+    moved: Array
+    dead: Array
+    target: Array | None = None
+
+    def towards(self, goal: StepLoads, fraction: float) -> StepLoads:
+        """The loads at this fraction of the way to `goal`."""
+        target = goal.target
+        if target is not None:
+            start = np.zeros_like(target) if self.target is None else self.target
+            target = start + fraction * (target - start)
+        return StepLoads(
+            self.force + fraction * (goal.force - self.force),
+            self.moved + fraction * (goal.moved - self.moved),
+            self.dead + fraction * (goal.dead - self.dead),
+            target,
+        )
+
+
+def control_of(case: LoadCase, loads: StepLoads) -> Array:
+    """What is prescribed, as one vector along which a path can be continued."""
+    others = [np.linalg.norm(loads.dead)]
+    if loads.target is not None:
+        others.append(np.linalg.norm(loads.target))
+    return np.concatenate([np.where(case.driven, loads.moved, loads.force), others])
+
+
+def predicted(here: Equilibrium, control: Array) -> Array | None:
+    """Control points expected at `control` (k,), by the parabola through the last states.
+
+    None where the path behind says nothing: too short, or a step back or aside.
+    """
+    path = here.history
+    if len(path) < 2 or len(path[-1].control) != len(control):
+        return None
+    last = path[-1].control - path[-2].control
+    length = float(last @ last)
+    ahead = float((control - path[-1].control) @ last) / length if length > 0 else 0.0
+    if not 0.0 < ahead <= LONGEST_PREDICTION:
+        return None
+    now, then = path[-1].positions, path[-2].positions
+    if len(path) < 3 or len(path[-3].control) != len(control):
+        return now + ahead * (now - then)
+    gap = float((path[-2].control - path[-3].control) @ last) / length
+    if gap <= 0.0:
+        return now + ahead * (now - then)
+    first = (ahead + 1.0) * (ahead + 1.0 + gap) / (1.0 + gap)
+    second = -ahead * (ahead + 1.0 + gap) / gap
+    third = ahead * (ahead + 1.0) / (gap * (1.0 + gap))
+    return first * now + second * then + third * path[-3].positions

@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.loads import ContactPatch
-from shell_deform.model import ShellModel, Tangent
+from shell_deform.model import ShellModel, Tangent, diagonal_entry
 from shell_deform.solve.factor import Factor
 from shell_deform.solve.factor_bordered import BorderedFactor
+from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.supports import free_rigid_modes
 
 Array = NDArray[np.float64]
@@ -93,18 +94,49 @@ class Condensed:
     rigid_reaction: Array
 
 
+@dataclass(frozen=True)
+class SprungFactor:
+    """A factorised stiffness with springs [N/m] on a few dofs, which make a free body's regular.
+
+    The springs are taken back exactly where the factor is used.
+    """
+
+    factor: Factor
+    springs: NDArray[np.int64]
+    stiffness: float
+
+
+def factorise_sprung(solver: EquilibriumSolver, tangent: Tangent) -> SprungFactor:
+    """Factorise the stiffness of a tangent of the solver's model."""
+    springs = solver.model.springs
+    matrix = tangent.stiffness
+    if not len(springs):
+        return SprungFactor(solver.factor(matrix), springs, 0.0)
+    matrix = matrix.copy()
+    diagonal = matrix.diagonal()
+    stiffness = float(np.median(diagonal[diagonal > 0]))
+    for dof in springs:
+        matrix.data[diagonal_entry(matrix, int(dof))] += stiffness
+    return SprungFactor(solver.factor(matrix), springs, stiffness)
+
+
 class CondensedSystem:
     """The factorised tangent at one state with the constraints of one set of contacts."""
 
-    def __init__(self, factor: Factor, tangent: Tangent, rows: ContactRows) -> None:
-        """`factor` is that of `tangent.stiffness`; sealed gas enters as a rank-one update."""
+    def __init__(self, sprung: SprungFactor, tangent: Tangent, rows: ContactRows) -> None:
+        """`sprung` is that of `tangent`; springs and sealed gas enter as low-rank updates."""
         self.rows = rows
-        gas = tangent.gas_stiffness
+        size, springs = len(tangent.gradient), sprung.springs
+        updates = np.zeros((size, len(springs) + 1))
+        updates[springs, np.arange(len(springs))] = 1.0
+        updates[:, -1] = tangent.gas_row
         self._bordered = BorderedFactor(
-            factor,
+            sprung.factor,
             borders=rows.constraints,
-            update_vectors=tangent.gas_row[:, None] if gas else None,
-            update_coefficients=np.array([gas]) if gas else None,
+            update_vectors=updates,
+            update_coefficients=np.append(
+                np.full(len(springs), -sprung.stiffness), tangent.gas_stiffness
+            ),
         )
         self.push_fields, self.push_multipliers = self.solve(
             rows.push, np.zeros((rows.constraints.shape[1], rows.contacts))

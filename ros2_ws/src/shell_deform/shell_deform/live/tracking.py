@@ -13,9 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.live.condensed import Condensed, CondensedSystem, ContactRows
+from shell_deform.live.condensed import (
+    Condensed,
+    CondensedSystem,
+    ContactRows,
+    SprungFactor,
+    factorise_sprung,
+)
 from shell_deform.model import ShellModel, Tangent
-from shell_deform.solve.factor import Factor
 from shell_deform.solve.newton import EquilibriumSolver
 
 Array = NDArray[np.float64]
@@ -91,13 +96,13 @@ class EquilibriumTracker:
         self._wall = float(model.shell.thickness.max())
         self._noise_force = 1e-7 * float(model.shell.membrane[:, 0, 0].max()) * self._wall
         self._tangent: Tangent | None = None
-        self._factor: Factor | None = None
+        self._factor: SprungFactor | None = None
         self._budget = self.options.tangents
         self._system: CondensedSystem | None = None
         self.factorisations = 0
         self.iterations = 0
         self.message = ''
-        self._rest: tuple[Tangent, Factor] | None = None
+        self._rest: tuple[Tangent, SprungFactor] | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -137,7 +142,7 @@ class EquilibriumTracker:
         """Factorised tangent at the unloaded `positions` (n, 3), kept for later contacts."""
         if self._rest is None:
             tangent = self.model.tangent(positions)
-            self._rest = tangent, self._solver.factor(tangent.stiffness)
+            self._rest = tangent, factorise_sprung(self._solver, tangent)
         return CondensedSystem(self._rest[1], self._rest[0], rows)
 
     def here(self, driven: NDArray[np.bool_]) -> Target:
@@ -165,7 +170,7 @@ class EquilibriumTracker:
         """Factorise the tangent at control `positions` (n, 3), unless one is kept."""
         if self._tangent is None or self._factor is None:
             self._tangent = self.model.tangent(positions)
-            self._factor = self._solver.factor(self._tangent.stiffness)
+            self._factor = factorise_sprung(self._solver, self._tangent)
             self.factorisations += 1
         self._system = CondensedSystem(self._factor, self._tangent, self._rows())
 

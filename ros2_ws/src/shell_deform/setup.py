@@ -10,7 +10,7 @@ setup(
     name=PACKAGE,
     version='0.1.0',
     packages=find_packages(exclude=['test']),
-    package_data={PACKAGE: ['py.typed', '**/*.json', '**/*.yaml', '**/*.html', '**/*.css', '**/*.js']},
+    package_data={PACKAGE: ['py.typed', '**/*.json', '**/*.yaml']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + PACKAGE]),
         ('share/' + PACKAGE, ['package.xml']),
@@ -21,7 +21,7 @@ setup(
     zip_safe=False,
     maintainer='Shell grasp maintainers',
     maintainer_email='maintainers@example.org',
-    description='Live deformed surface of a thin shell in a robot hand: geometrically nonlinear thin shells on Loop subdivision surfaces',
+    description='Live deformed surface of a thin shell in a robot hand',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

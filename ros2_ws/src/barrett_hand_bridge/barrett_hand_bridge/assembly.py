@@ -11,17 +11,18 @@ from barrett_hand_bridge.calibration import (
     HandCalibration,
     read_calibration,
 )
-from barrett_hand_bridge.gcl.driver import SerialHand, open_port
+from barrett_hand_bridge.gcl.driver import LATE_PERIODS, SerialHand, open_port
 from barrett_hand_bridge.hand import FINGERS, Hand, HandFacts
 from barrett_hand_bridge.kinematics import HandGeometry, Pin
 from barrett_hand_bridge.motion import CloseSettings
 from barrett_hand_bridge.observer import HandObserver, ObserverSettings
 from barrett_hand_bridge.puck.bus import open_bus
-from barrett_hand_bridge.puck.driver import CanHand
+from barrett_hand_bridge.puck.driver import LATE_S, CanHand
 from barrett_hand_bridge.stop_guard import guard_can, guard_serial
 from barrett_hand_bridge.zero import DRIFT_8_BIT, DRIFT_12_BIT
 
 Values = Mapping[str, Any]
+NEVER_S = 60.0
 
 
 def geometry(values: Values) -> HandGeometry:
@@ -56,14 +57,22 @@ def pins(values: Values) -> dict[int, Pin]:
     }
 
 
-def make_hand(values: Values, port: str, clock_ns: Callable[[], int]) -> Hand:
-    """The driver for the chosen backend, not connected yet."""
+def make_hand(
+    values: Values, port: str, clock_ns: Callable[[], int], *, simulated_time: bool = False
+) -> Hand:
+    """The driver for the chosen backend, not connected yet.
+
+    On simulated time no answer is late: a recording must not depend on how busy a machine is.
+    """
+    period_s = values['poll_period']
+    late_s = NEVER_S if simulated_time else LATE_PERIODS * period_s if period_s > 0.0 else None
     if values['backend'] == 'can':
         return CanHand(
             lambda: open_bus(values['interface'], values['channel'], values['can_port']),
             clock_ns=clock_ns,
             touch=values['touch'],
-            prefetch=values['poll_period'] == 0.0,
+            prefetch=period_s == 0.0,
+            late_s=LATE_S if late_s is None else max(late_s, LATE_S),
             guard=lambda: guard_can(values['interface'], values['channel'], values['can_port']),
         )
     return SerialHand(
@@ -73,7 +82,8 @@ def make_hand(values: Values, port: str, clock_ns: Callable[[], int]) -> Hand:
         servo_sample_s=values['servo_sample_time'],
         breakaway=values['breakaway_feedback'],
         temperature=values['temperature_feedback'],
-        prefetch=values['poll_period'] == 0.0,
+        prefetch=period_s == 0.0,
+        late_s=late_s,
         guard=lambda line: guard_serial(line.fileno()),
     )
 

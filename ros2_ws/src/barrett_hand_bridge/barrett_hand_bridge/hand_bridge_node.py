@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import sys
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable, Generator, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import Future
 from typing import Any
 
@@ -43,13 +44,6 @@ from barrett_hand_bridge.worker import (
 )
 
 PAUSE_S = 0.0005
-
-
-class _Turn:
-    """Gives the executor one turn while a service waits."""
-
-    def __await__(self) -> Generator[None, None, None]:
-        yield
 
 
 class HandBridge(LifecycleNode):
@@ -96,7 +90,8 @@ class HandBridge(LifecycleNode):
                 self._calibration = self._emulator.calibration
             else:
                 self._calibration = assembly.load_calibration(values['calibration'])
-            hand = assembly.make_hand(values, port, self._now_ns)
+            simulated = bool(self.get_parameter('use_sim_time').value)
+            hand = assembly.make_hand(values, port, self._now_ns, simulated_time=simulated)
         except (ParameterError, CalibrationError, HandError) as error:
             self._fail(str(error))
             self._release()
@@ -306,7 +301,7 @@ class HandBridge(LifecycleNode):
         while not future.done():
             # An executor with an unfinished task spins without waiting; this keeps it gentle.
             time.sleep(PAUSE_S)
-            await _Turn()
+            await asyncio.sleep(0)
         return future.result()
 
     async def _ask(self, kind: str, motion: Any = None) -> Outcome:

@@ -129,6 +129,10 @@ def calibration(tmp_path):
     return path
 
 
+def moved(listener):
+    return listener.heard['hand/joint_states'][-1].position[1] > 0.005
+
+
 def emulated(start, *options):
     emulator = start('hand_emulator', '--json', *options)
     emulator.wait_for('}')
@@ -214,13 +218,16 @@ def test_stop_interrupts_a_slow_close(start, listener, ball):
         start, 'backend:=emulator', f'emulator_object:={ball}', 'initialize_on_start:=true',
         'tare_on_start:=true', 'approach_speed:=0.02',
     ).wait_for('tare: zero', 60.0)  # fmt: skip
+    listener.listen(JointState, 'hand/joint_states')
     client = listener.node.create_client(Trigger, 'hand/close')
     listener.until(client.service_is_ready)
-    closing = client.call_async(Trigger.Request())
     listener.next_contacts()
+    closing = client.call_async(Trigger.Request())
+    # The finger moves: the request has arrived, which a client cannot know otherwise.
+    listener.until(lambda: listener.heard['hand/joint_states'][-1:] and moved(listener))
     assert listener.call('hand/stop').success
     listener.until(closing.done)
-    assert not closing.result().success
+    assert closing.result().message == 'stopped'
 
 
 @pytest.mark.timeout(180)

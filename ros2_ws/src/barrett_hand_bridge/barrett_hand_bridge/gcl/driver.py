@@ -73,12 +73,14 @@ class SerialHand:
         breakaway: bool = False,
         temperature: bool = False,
         prefetch: bool = True,
+        late_s: float | None = None,
         guard: Callable[[Port], Guard] | None = None,
     ) -> None:
         """A driver that is not connected yet.
 
         `prefetch`: ask for the next block as soon as one is complete, so that it travels while the
-        last one is digested; commands then take effect one cycle later.
+        last one is digested; commands then take effect one cycle later. `late_s`: wall time after
+        which an answer is called late; None: just under three cycles of the line.
 
         `servo_sample_s`: the period to which the hand's velocities in counts per sample refer.
         `temperature`: ask for it in every block.
@@ -95,6 +97,7 @@ class SerialHand:
         self.layout = layout
         self._temperature = temperature
         self._prefetch = prefetch
+        self._late_s = late_s
         self._make_guard = guard
         self._guard: Guard | None = None
         self._asked = False
@@ -237,7 +240,8 @@ class SerialHand:
         if self._prefetch:
             # The block is still on its way: one sleep instead of a wake-up for every byte.
             time.sleep(max(self._asked_at + 0.9 * self.cycle_s - time.monotonic(), 0.0))
-        left = self._asked_at + LATE_PERIODS * self.cycle_s - time.monotonic()
+        late_s = LATE_PERIODS * self.cycle_s if self._late_s is None else self._late_s
+        left = self._asked_at + late_s - time.monotonic()
         port.timeout = max(left, line.byte_s)
         data = port.read(1)
         if not data:

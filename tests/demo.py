@@ -74,7 +74,7 @@ def _stamp(message: PointCloud2) -> int:
 
 
 def main() -> int:
-    """Run the demo; exit code 0 when every sample was answered."""
+    """Run the demo; the exit code is that of the report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--bag', type=Path, default=ROOT / 'bags' / 'tennis_ball_two_finger')
     parser.add_argument('--rate', type=float, default=1.0, help='bag seconds per second')
@@ -92,7 +92,7 @@ def main() -> int:
     )
     if report.returncode == 0:
         print(f'open {options.out / "report.html"}')
-    return report.returncode or int(summary['lost'] > 0)
+    return report.returncode
 
 
 def live(bag: Path, rate: float) -> dict[str, int]:

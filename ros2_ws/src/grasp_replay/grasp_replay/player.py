@@ -21,7 +21,7 @@ from grasp_replay.replay_options import ReplayOptions
 # A wait longer than this is interrupted by services; the rest is slept through.
 SHORT_WAIT = 0.002
 # Fast DDS drops what is sent before both sides know each other, even on reliable topics.
-SETTLE_SECONDS = 0.2
+SETTLE_SECONDS = 1.0
 
 
 class Stage(Protocol):

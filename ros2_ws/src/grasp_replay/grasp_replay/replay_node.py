@@ -124,9 +124,11 @@ class ReplayNode(Node):
         return dict(self._names)
 
     def unmatched(self) -> set[str]:
-        """The topics that nobody listens to."""
+        """The topics that nobody listens to, or that a known listener is not yet matched with."""
         return {
-            name for name, sender in self._senders.items() if not sender.get_subscription_count()
+            name
+            for name, sender in self._senders.items()
+            if sender.get_subscription_count() < max(1, self.count_subscribers(self._names[name]))
         }
 
     def send(self, message: Message) -> bool:
@@ -281,8 +283,13 @@ def _replay(bag: Bag, options: ReplayOptions, ros_arguments: list[str]) -> int:
 
 
 def _spin(executor: SingleThreadedExecutor) -> None:
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
-        executor.spin()
+    try:
+        with suppress(KeyboardInterrupt, ExternalShutdownException):
+            executor.spin()
+    except rclpy_implementation.RCLError:
+        # A wait set asked for between the shutdown and its notice.
+        if rclpy.ok():
+            raise
 
 
 def _play(player: Player, options: ReplayOptions) -> int:

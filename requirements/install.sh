@@ -21,4 +21,4 @@ else
     [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
     "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r "$lock"
 fi
-"$venv/bin/python" -m pip install --quiet --disable-pip-version-check --use-pep517 --no-build-isolation --no-deps $*
+PYTHONWARNINGS=ignore "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --use-pep517 --no-build-isolation --no-deps $*

@@ -23,7 +23,6 @@ from shell_deform.objects import (
     object_names,
 )
 
-
 PLAIN_WIDTH = 160
 """Columns of the table where there is no terminal to ask."""
 

@@ -21,6 +21,12 @@ from shell_deform.live.serve_kernel import FIELDS, serve
 
 Array = NDArray[np.float64]
 
+BEND_REACH = 3.0
+"""The second-order field is trusted to this many times the step it was measured over."""
+
+BEND_UNCERTAIN = 0.3
+"""Its share that counts as error: what third order leaves."""
+
 DRIVE_CODES = {'force': 0, 'motion': 1, 'fused': 2}
 
 
@@ -94,9 +100,25 @@ class Adopted:
         self.second_order = record['second_order'][:k, : k * (k + 1) // 2].copy()
         self.columns = slot.input_columns()
         self.linear_columns = slot.linear_columns()
-        self.worst_curvature = float(slot.curvature.max(initial=0.0))
+        self.bend_direction = record['bend_direction'][:k].copy()
+        self.bend_offset = float(record['bend_offset'])
+        self.bend_reach = float(record['bend_reach'])
+        along = np.einsum('ni,ni->n', slot.normals, slot.bend)
+        self.worst_bend = float(np.abs(along).max(initial=0.0))
         self.pose = pose_of(record['pose'])
         self.pose_root = _root(record['pose_covariance'])
+
+    def bend(self, moved: Array) -> tuple[float, float]:
+        """Input of the second-order field and its uncertainty [m^2] for moved contacts (k,) [m].
+
+        The field was measured between the last two equilibria and serves along that direction.
+        """
+        along = float(self.bend_direction @ moved)
+        reach = BEND_REACH * self.bend_reach
+        used = min(max(along, -reach), reach)
+        value = (self.bend_offset + used) ** 2 - self.bend_offset**2
+        rest = float(moved @ moved) - used * used
+        return value, BEND_UNCERTAIN * used * used + max(rest, 0.0)
 
 
 class Estimator:
@@ -116,7 +138,7 @@ class Estimator:
         self._packed_linear = np.zeros_like(self._packed)
         self._packed_nonlinear = np.zeros_like(self._packed)
         self._no_columns = np.zeros((n, 3, 1))
-        self._no_curvature = np.zeros(n)
+        self._no_bend = np.zeros((n, 3))
 
     def warm_up(self) -> None:
         """Load the compiled kernel, so that the first sample does not wait for it."""
@@ -157,7 +179,7 @@ class Estimator:
         k = len(adopted.fingers)
         inputs = posterior.inputs
         moved = response.displacement_by @ inputs
-        step = float(np.abs(moved).max())
+        bend, bend_error = adopted.bend(moved)
         pose = self.pose_in_use
         largest = serve(
             self.rest,
@@ -166,8 +188,9 @@ class Estimator:
             adopted.columns,
             inputs,
             posterior.root,
-            adopted.slot.curvature,
-            step * step,
+            adopted.slot.bend,
+            bend,
+            bend_error,
             pose.rotation,
             pose.translation,
             adopted.pose_root,
@@ -188,7 +211,7 @@ class Estimator:
             snap_margin=adopted.snap_margin,
             contradiction=posterior.contradiction,
             suspect=posterior.suspect,
-            extrapolation=adopted.worst_curvature * step * step,
+            extrapolation=adopted.worst_bend * bend_error,
             force=force,
             displacement=displacement,
             unknown=tuple(f for f in merged.finger.tolist() if f not in known),
@@ -310,7 +333,7 @@ class Estimator:
         pose_root = self.adopted.pose_root if self.adopted is not None else np.zeros((6, 0))
         serve(
             self.rest, surface, normals, columns, inputs, np.ascontiguousarray(root),
-            self._no_curvature, 0.0, pose.rotation, pose.translation, pose_root, packed,
+            self._no_bend, 0.0, 0.0, pose.rotation, pose.translation, pose_root, packed,
         )  # fmt: skip
 
     def _adopted_normals(self) -> Array:

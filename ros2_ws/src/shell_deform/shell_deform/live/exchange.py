@@ -86,6 +86,9 @@ RESULT = np.dtype(
         ('rigid_by', '<f8', (MAX_RIGID, MAX_INPUTS)),
         ('linear_compliance', '<f8', (MAX_CONTACTS, MAX_CONTACTS)),
         ('second_order', '<f8', (MAX_CONTACTS, MAX_PAIRS)),
+        ('bend_direction', '<f8', MAX_CONTACTS),
+        ('bend_offset', '<f8'),
+        ('bend_reach', '<f8'),
         ('pose', '<f8', 7),
         ('pose_covariance', '<f8', (6, 6)),
         ('message', 'S200'),
@@ -114,8 +117,8 @@ class Layout:
     @property
     def slot(self) -> int:
         """Bytes of one result slot."""
-        fields = 2 + MAX_INPUTS + MAX_CONTACTS
-        return _round(RESULT.itemsize + fields * self.field + 8 * self.vertices)
+        fields = 3 + MAX_INPUTS + MAX_CONTACTS
+        return _round(RESULT.itemsize + fields * self.field)
 
     @property
     def requests(self) -> int:
@@ -146,7 +149,7 @@ class Slot:
         surface, normals: (n, 3) limit positions [m] and unit normals of the last equilibrium.
         columns: room for (n, 3, j) motions of the limit positions per unit input.
         linear: room for (n, 3, k) motions per unit push from rest.
-        curvature: (n,) [1/m] error of the columns along the normal per squared step.
+        bend: (n, 3) [1/m] second-order motion per squared step along `bend_direction`.
     """
 
     record: np.void
@@ -154,7 +157,7 @@ class Slot:
     normals: Array
     columns: Array
     linear: Array
-    curvature: Array
+    bend: Array
 
     def input_columns(self) -> Array:
         """(n, 3, j) view of the columns in use."""
@@ -195,12 +198,17 @@ class SharedMemory:
         record = self._view(RESULT, at, 1)[0]
         at += RESULT.itemsize
         parts = []
-        for count in (3 * n, 3 * n, 3 * n * MAX_INPUTS, 3 * n * MAX_CONTACTS, n):
+        for count in (3 * n, 3 * n, 3 * n * MAX_INPUTS, 3 * n * MAX_CONTACTS, 3 * n):
             parts.append(self._view('<f8', at, count))
             at += 8 * count
-        surface, normals, columns, linear, curvature = parts
+        surface, normals, columns, linear, bend = parts
         return Slot(
-            record, surface.reshape(n, 3), normals.reshape(n, 3), columns, linear, curvature
+            record,
+            surface.reshape(n, 3),
+            normals.reshape(n, 3),
+            columns,
+            linear,
+            bend.reshape(n, 3),
         )
 
     def write_request(self, request: np.ndarray, sequence: int) -> None:

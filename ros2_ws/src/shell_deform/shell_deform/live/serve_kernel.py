@@ -25,8 +25,9 @@ def serve_numpy(
     columns: Array,
     inputs: Array,
     root: Array,
-    curvature: Array,
-    step_squared: float,
+    bend: Array,
+    bend_input: float,
+    bend_error: float,
     rotation: Array,
     translation: Array,
     pose_root: Array,
@@ -37,18 +38,18 @@ def serve_numpy(
     Args:
         rest, surface, normals: (n, 3) undeformed and last equilibrium [m], unit normals.
         columns: (n, 3, j) motion per unit input. inputs: (j,) away from the equilibrium.
-        root: (j, i) upper triangular root of the inputs' covariance. curvature: (n,) [1/m], with
-            `step_squared` [m^2] the error of the linear step. rotation, translation: from the
-            object to the contacts.
+        root: (j, i) upper triangular root of their covariance. bend: (n, 3) [1/m] second-order
+            motion per bend_input [m^2], of which bend_error [m^2] is uncertain.
+        rotation, translation: from the object to the contacts.
         pose_root: (6, i) root of the covariance of the pose (translation, rotation vector).
     """
-    position = surface + columns @ inputs
+    position = surface + columns @ inputs + bend_input * bend
     moved = position - rest
     along = np.einsum('ni,nij->nj', normals, columns) @ root
     lever = np.concatenate([normals, np.cross(position, normals)], axis=1) @ pose_root
     variance = (
         np.einsum('nj,nj->n', along, along)
-        + (curvature * step_squared) ** 2
+        + (np.einsum('ni,ni->n', normals, bend) * bend_error) ** 2
         + np.einsum('nj,nj->n', lever, lever)
     )
     packed[:, 0:3] = position @ rotation.T + translation
@@ -70,8 +71,9 @@ if HAVE_NUMBA:
         columns: Any,
         inputs: Any,
         root: Any,
-        curvature: Any,
-        step_squared: Any,
+        bend: Any,
+        bend_input: Any,
+        bend_error: Any,
         rotation: Any,
         translation: Any,
         pose_root: Any,
@@ -83,7 +85,10 @@ if HAVE_NUMBA:
         pose_roots = pose_root.shape[1]
         along = np.empty(count)
         for v in range(rest.shape[0]):
-            px, py, pz = surface[v, 0], surface[v, 1], surface[v, 2]
+            bx, by, bz = bend[v, 0], bend[v, 1], bend[v, 2]
+            px = surface[v, 0] + bend_input * bx
+            py = surface[v, 1] + bend_input * by
+            pz = surface[v, 2] + bend_input * bz
             nx, ny, nz = normals[v, 0], normals[v, 1], normals[v, 2]
             for j in range(count):
                 cx, cy, cz = columns[v, 0, j], columns[v, 1, j], columns[v, 2, j]
@@ -91,7 +96,7 @@ if HAVE_NUMBA:
                 py += cy * inputs[j]
                 pz += cz * inputs[j]
                 along[j] = nx * cx + ny * cy + nz * cz
-            error = curvature[v] * step_squared
+            error = (nx * bx + ny * by + nz * bz) * bend_error
             variance = error * error
             for i in range(roots):
                 # The root is upper triangular.

@@ -23,7 +23,7 @@ from shell_deform.model import ShellModel
 Array = NDArray[np.float64]
 
 SMALLEST_STEP = 0.02
-"""Steps below this share of the wall thickness say nothing about the curvature of the response."""
+"""Steps below this share of the wall thickness say nothing about the second order."""
 
 STILL = 1e-3
 """A state that moved less than this share of the wall thickness keeps its columns."""
@@ -97,7 +97,9 @@ class LiveSolver:
         self._load: Load | None = None
         self._pose_in_use = IDENTITY
         self._unloaded: Array | None = None
-        self._curvature = np.zeros(self._size)
+        self._bend = np.zeros((self._size, 3))
+        self._bend_direction = np.zeros(0)
+        self._bend_reach = 0.0
         self._small: SmallLoads | None = None
         self._linear_columns = np.zeros((self._size, 3, 0))
         self._placement: Placement | None = None
@@ -164,7 +166,7 @@ class LiveSolver:
         self._condensed_at = moved
         self._inputs_at = self._inputs()
         if old is not None and old_columns is not None and old_inputs is not None:
-            self._update_curvature(old, old_columns, old_state, self._inputs_at - old_inputs)
+            self._update_bend(old, old_columns, old_state, self._inputs_at - old_inputs)
         return True
 
     def fill(self, slot: Slot) -> None:
@@ -206,6 +208,11 @@ class LiveSolver:
             values = np.asarray(values)
             if len(values):
                 record[name][: len(values)] = values
+        since = rows.measure.T @ (tracker.state.moved - self._condensed_at)
+        known = len(self._bend_direction) == k
+        record['bend_direction'][:k] = self._bend_direction if known else 0.0
+        record['bend_offset'] = float(self._bend_direction @ since) if known else 0.0
+        record['bend_reach'] = self._bend_reach
         record['rigid_scale'] = np.sqrt(self._size)
         j = condensed.fields.shape[1]
         record['displacement_by'][:k, :j] = condensed.displacement
@@ -225,7 +232,7 @@ class LiveSolver:
         slot.normals[:] = self.model.surface.vertex_normals(positions)
         slot.columns[: 3 * self._size * j] = self._limit_columns.reshape(-1)
         slot.linear[: 3 * self._size * k] = self._linear_columns.reshape(-1)
-        slot.curvature[:] = self._curvature
+        slot.bend[:] = self._bend
 
     def _rows(self) -> ContactRows:
         assert self.tracker.rows is not None
@@ -274,6 +281,8 @@ class LiveSolver:
         self._rigid_anchor = rows.left.T @ self.tracker.state.moved
         self._condensed = None
         self._inputs_at = None
+        self._bend[:] = 0.0
+        self._bend_direction, self._bend_reach = np.zeros(0), 0.0
         self._small = None
         if rows.contacts and self._unloaded is not None:
             system = self.tracker.rest_system(self._unloaded, rows)
@@ -324,17 +333,17 @@ class LiveSolver:
         lateral = (rows.held.T @ self.tracker.state.moved)[rows.lateral_columns]
         return np.concatenate([here.force, lateral, here.rigid, [0.0]])
 
-    def _update_curvature(
+    def _update_bend(
         self, old: Condensed, old_columns: Array, old_state: Array, inputs: Array
     ) -> None:
-        """What the old columns missed on the way here, per squared step of the contacts.
+        """What the old columns missed on the way here, per squared step of the contacts [1/m].
 
         As in the tick, pushes of driven contacts follow from their motion.
         """
         rows = self._rows()
         moved = self.tracker.state.moved
         steps = rows.measure.T @ (moved - old_state)
-        step = float(np.abs(steps).max(initial=0.0))
+        step = float(np.linalg.norm(steps))
         if step < SMALLEST_STEP * self._wall:
             return
         driven = np.flatnonzero(self._driven(self._load))
@@ -347,8 +356,8 @@ class LiveSolver:
         surface = self.model.surface
         change = surface.limit_matrix @ (moved - old_state).reshape(-1, 3)
         missed = change - old_columns @ inputs
-        normals = surface.vertex_normals(self.tracker.positions)
-        self._curvature = np.abs(np.einsum('ni,ni->n', normals, missed)) / step**2
+        self._bend = missed / step**2
+        self._bend_direction, self._bend_reach = steps / step, step
 
     def _to_limit(self, fields: Array) -> Array:
         """Motion of the limit positions (n, 3, j) for control point fields (3 n, j)."""

@@ -1,6 +1,7 @@
 """`make soak`: the long form of the checks that `make test` runs short; the table goes to docs/.
 
-10^6 mutations, ten-minute runs, 200 seeds: hours on two cores. `soak.py hand scan` runs only those.
+10^6 mutations, ten-minute runs, 200 seeds: hours on two cores. `soak.py hand scan` runs only
+those.
 """
 
 import os

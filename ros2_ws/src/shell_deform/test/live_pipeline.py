@@ -5,8 +5,9 @@ import numpy as np
 from shell_deform.live.estimator import Estimator, Settings
 from shell_deform.live.exchange import REQUEST
 from shell_deform.live.fusion import ErrorModel
+from shell_deform.live.load_case import load_of
 from shell_deform.live.pose import IDENTITY
-from shell_deform.live.solving import LiveSolver, load_of
+from shell_deform.live.solving import LiveSolver
 from shell_deform.live.worker import share
 
 SURE = ErrorModel(

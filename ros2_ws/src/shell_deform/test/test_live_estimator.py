@@ -224,6 +224,13 @@ def test_reset_forgets_the_contacts(model, truth):
     assert np.abs(pipeline.solver.tracker.state.moved).max() == 0.0
 
 
+def test_warming_up_leaves_the_shell_at_rest(model):
+    pipeline = Pipeline(model)
+    pipeline.solver.warm_up()
+    assert pipeline.solver.contacts.contacts == ()
+    assert np.abs(pipeline.solver.tracker.state.moved).max() == 0.0
+
+
 def coverage(model, truth, seeds, drive='fused'):
     """Share of vertices whose true normal error lies in the 90 % band, over random truths."""
     inside, count, sigmas = 0, 0, []

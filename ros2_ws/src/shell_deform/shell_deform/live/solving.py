@@ -6,17 +6,17 @@ Free of processes and shared memory, so that tests and offline runs can call it 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.live.condensed import HELD_ROWS, Condensed, ContactRows, contact_rows
 from shell_deform.live.contact_tracking import ContactTracker, Touch
-from shell_deform.live.exchange import MAX_CONTACTS, Slot
+from shell_deform.live.exchange import MAX_CONTACTS, MAX_RIGID, Slot
 from shell_deform.live.linearity import SmallLoads, small_loads
+from shell_deform.live.load_case import DRIVE_FORCE, Load
 from shell_deform.live.placement import Placement, place
-from shell_deform.live.pose import IDENTITY, Pose, pose_of
+from shell_deform.live.pose import IDENTITY, Pose
 from shell_deform.live.tracking import EquilibriumTracker, Target, TrackingOptions
 from shell_deform.model import ShellModel
 
@@ -27,56 +27,6 @@ SMALLEST_STEP = 0.02
 
 STILL = 1e-3
 """A state that moved less than this share of the wall thickness keeps its columns."""
-
-DRIVE_FORCE = 0
-
-
-@dataclass(frozen=True)
-class Load:
-    """A load case as the mailbox carries it, in the frame of the contacts.
-
-    Attributes:
-        touches: the fingers in contact. drive: 0 by force, else by motion where it is known.
-        generation: the set of contacts that `rigid` and the displacements refer to.
-        rigid: amplitudes of the free rigid motions. tendon: stretch [m/N].
-        pose: of the object, or None to infer it at first touch.
-        stamp: of the sample [ns]. reset: forget everything first.
-    """
-
-    touches: tuple[Touch, ...]
-    drive: int
-    generation: int
-    rigid: Array
-    tendon: float
-    pose: Pose | None
-    stamp: int
-    reset: bool = False
-
-
-def load_of(request: np.void) -> Load:
-    """Read a mailbox record."""
-    touches = tuple(
-        Touch(
-            int(t['finger']),
-            t['point'].copy(),
-            t['normal'].copy(),
-            float(t['radius']),
-            float(t['force']),
-            float(t['travel']),
-            float(t['displacement']),
-        )
-        for t in request['touch'][: int(request['contacts'])]
-    )
-    return Load(
-        touches=touches,
-        drive=int(request['drive']),
-        generation=int(request['generation']),
-        rigid=request['rigid'].copy(),
-        tendon=float(request['tendon']),
-        pose=pose_of(request['pose']) if request['placed'] else None,
-        stamp=int(request['stamp']),
-        reset=bool(request['reset']),
-    )
 
 
 class LiveSolver:
@@ -120,6 +70,20 @@ class LiveSolver:
             here = self.tracker.here(np.zeros(0, bool))
             self.tracker.advance(here)
         self._new_generation(rows)
+
+    def warm_up(self) -> None:
+        """Go once through a contact without force, so that the first real one does not wait.
+
+        Raises what `take` raises, where no contact can lie at the chosen vertex.
+        """
+        vertex = self._size // 2
+        inward = -self.unloaded_normals[vertex]
+        point = self.unloaded_surface[vertex] - 0.5 * self._wall * inward
+        touch = Touch(0, point, inward, 2.0 * self._wall, 0.0, np.nan, np.nan)
+        nothing = np.zeros(MAX_RIGID)
+        self.take(Load((touch,), DRIVE_FORCE, 0, nothing, 0.0, IDENTITY, 0))
+        self.refine()
+        self.take(Load((), DRIVE_FORCE, 0, nothing, 0.0, IDENTITY, 0, reset=True))
 
     def take(self, load: Load) -> None:
         """Bring contacts and equilibrium to `load` as far as they follow."""

@@ -9,6 +9,7 @@ end of the socket is the end of the process.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import select
@@ -19,7 +20,8 @@ import sys
 import numpy as np
 
 from shell_deform.live.exchange import Layout, SharedMemory, create
-from shell_deform.live.solving import LiveSolver, load_of
+from shell_deform.live.load_case import load_of
+from shell_deform.live.solving import LiveSolver
 from shell_deform.model import ShellModel
 
 FAILURES_TO_GIVE_UP = 5
@@ -109,6 +111,9 @@ def main() -> int:
     except (ValueError, OSError) as error:
         connection.sendall(json.dumps({'error': str(error)}).encode() + b'\n')
         return 1
+    # A shell may have no place for a contact there; the first real one then takes longer.
+    with contextlib.suppress(ValueError, RuntimeError):
+        solver.warm_up()
     memory, descriptor = share(solver)
     layout = memory.layout
     hello = {

@@ -35,7 +35,7 @@ class ControlMesh:
         vertices: (n, 3) control points [m].
         triangles: (m, 3) vertex indices, consistently oriented, outward by the right-hand rule.
         active: (m,) False for triangles that only support the basis of their neighbours and
-            carry no surface themselves (the ring added by :func:`with_ghost_ring`).
+            carry no surface themselves (a ring beyond an edge, say).
         crease_edges: (c, 2) interior edges across which the surface may bend sharply.
         corners: (k,) boundary or crease vertices that the surface interpolates.
     """

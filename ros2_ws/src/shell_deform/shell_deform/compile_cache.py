@@ -1,7 +1,7 @@
 """Compile every kernel once, so that no later start waits: `python -m shell_deform.compile_cache`.
 
-It solves a small squeezed ball with sealed gas under every theory, which passes through all of
-them.
+It solves a small squeezed ball with sealed gas, offline and as the live node does, which passes
+through all of them.
 """
 
 from __future__ import annotations
@@ -9,7 +9,12 @@ from __future__ import annotations
 import sys
 import time
 
+import numpy as np
+
 from shell_deform.building import build_model, object_contacts, with_material
+from shell_deform.live.rehearsal import rehearse
+from shell_deform.live.sample import FLAG_CONTACT, ContactSample
+from shell_deform.loads import ContactPatch
 from shell_deform.objects import load_object
 from shell_deform.solve.equilibrium import displaced
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
@@ -22,6 +27,27 @@ def compile_kernels() -> None:
     solver = EquilibriumSolver(model, NewtonOptions(stability=True))
     contacts = object_contacts(small, model)
     solver.solve(displaced(contacts, [1e-4] * len(contacts)))
+    rehearse(model, _touching(contacts, 0.5 * small.thickness_m))
+
+
+def _touching(contacts: tuple[ContactPatch, ...], half_wall: float) -> ContactSample:
+    """A hand that pushes a little at every contact."""
+    count = len(contacts)
+    inward = np.array([contact.axis for contact in contacts])
+    outer = np.array([contact.point for contact in contacts]) - half_wall * inward
+    return ContactSample(
+        stamp=1,
+        finger=np.arange(1, count + 1),
+        flags=np.full(count, FLAG_CONTACT),
+        point=outer + 1e-4 * inward,
+        normal=inward,
+        force=0.5 * inward,
+        sigma_normal=np.full(count, 0.05),
+        sigma_tangential=np.full(count, np.inf),
+        radius=np.full(count, 1e-3),
+        travel=np.full(count, 1e-4),
+        sigma_travel=np.full(count, 1e-5),
+    )
 
 
 def main() -> None:

@@ -41,6 +41,9 @@ from grasp_replay.ros_types import type_differs
 # The publishing thread takes turns with reading ahead and with the services at this period.
 SWITCH_SECONDS = 0.0005
 DIAGNOSTICS_PERIOD = 1.0
+# Bytes from which a message fills the transport, and the longest wait for its receipt (s).
+LARGE_MESSAGE = 200_000
+LARGE_MESSAGE_PATIENCE = 0.25
 
 
 class ReplayNode(Node):
@@ -132,9 +135,16 @@ class ReplayNode(Node):
         }
 
     def send(self, message: Message) -> bool:
-        """Publish stored bytes; False when the middleware refused them."""
+        """Publish stored bytes; False when the middleware refused them.
+
+        A large message is let through before the next: listeners that take best effort lose what
+        is sent while it crosses.
+        """
         try:
-            self._senders[message.topic].publish(message.data)
+            sender = self._senders[message.topic]
+            sender.publish(message.data)
+            if len(message.data) > LARGE_MESSAGE:
+                sender.wait_for_all_acked(Duration(seconds=LARGE_MESSAGE_PATIENCE))
         except rclpy_implementation.RCLError as error:
             if not self.alive():
                 raise ExternalShutdownException from error

@@ -30,6 +30,8 @@ from shell_deform.live.states import LiveState, Watch
 from shell_deform.live.worker_link import Build, WorkerError, WorkerLink, empty_request
 
 CONTACTS_DEPTH = 500
+# Answers a slow listener may fall behind before one is overwritten.
+ANSWERS_DEPTH = 100
 WATCH_PERIOD_S = 0.005
 CONTRADICTION_LIMIT = 3.0
 POSE_CHANGE = 1e-3
@@ -79,7 +81,7 @@ class DeformationNode(Node):
         self._configure(values)
         self.link = WorkerLink(_build(values))
 
-        reliable = QoSProfile(depth=10)
+        reliable = QoSProfile(depth=ANSWERS_DEPTH)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._clouds = {
             name: self.create_publisher(PointCloud2, f'deformation/{name}', reliable)

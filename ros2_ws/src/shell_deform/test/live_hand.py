@@ -14,7 +14,7 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Float64, String
 
@@ -145,15 +145,15 @@ class Observer:
         self.numbers: dict[str, float] = {}
         self.contacts = self.node.create_publisher(PointCloud2, 'hand/contacts', 10)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        best = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
+        many = QoSProfile(depth=500)
         listen = self.node.create_subscription
-        listen(PointCloud2, 'deformation/surface', self.surfaces.append, best)
-        listen(PointCloud2, 'deformation/linear', self.linear.append, best)
-        listen(PointCloud2, 'deformation/nonlinear', self.nonlinear.append, best)
+        listen(PointCloud2, 'deformation/surface', self.surfaces.append, many)
+        listen(PointCloud2, 'deformation/linear', self.linear.append, many)
+        listen(PointCloud2, 'deformation/nonlinear', self.nonlinear.append, many)
         listen(String, 'deformation/state', lambda m: self.states.append(m.data), latched)
         listen(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
         for name in ('linearity', 'contradiction', 'max_displacement', 'nonlinear_age'):
-            listen(Float64, f'deformation/{name}', self._keeper(name), best)
+            listen(Float64, f'deformation/{name}', self._keeper(name), many)
 
     def _keeper(self, name):
         def keep(message):

@@ -51,8 +51,7 @@ class TheorySet:
     def with_young(self, young_pa: float) -> TheorySet:
         """The same mesh with another modulus; the wall is proportional to it."""
         factor = young_pa / self.shell.young_modulus_pa
-        old = self.model.shell
-        wall = replace(old, membrane=factor * old.membrane, bending=factor * old.bending)
+        wall = self.model.shell.stiffened(factor)
         return TheorySet(
             replace(self.shell, young_modulus_pa=young_pa),
             {name: replace(model, shell=wall) for name, model in self.models.items()},

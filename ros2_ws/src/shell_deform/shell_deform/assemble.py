@@ -8,7 +8,7 @@ points of an element share its node list.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -143,6 +143,10 @@ class Discretisation:
         """(p, n) sparse map from control values to values at the quadrature points."""
         size = (len(self.weights), len(self.mesh.vertices))
         return sp.csr_matrix((self.values, self.row_nodes, self.row_offsets), shape=size)
+
+    def stiffened(self, factor: float) -> Discretisation:
+        """The same shell with `factor` times the modulus, to which the wall is proportional."""
+        return replace(self, membrane=factor * self.membrane, bending=factor * self.bending)
 
     @property
     def area(self) -> float:

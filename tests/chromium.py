@@ -1,0 +1,49 @@
+"""The headless Chromium of tests and pictures: Debian's, with software rendering, no network."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+FLAGS = (
+    '--headless',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--disable-quic',
+    '--no-first-run',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-sync',
+    '--use-gl=angle',
+    '--use-angle=swiftshader',
+    '--enable-unsafe-swiftshader',
+)
+TIMEOUT_MS = 60_000
+
+
+def installed() -> bool:
+    """Whether there is a Chromium on this machine."""
+    return shutil.which('chromium') is not None
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """A started browser (playwright's Browser), closed at the end."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=shutil.which('chromium'), args=list(FLAGS))
+        yield browser
+        browser.close()
+
+
+def new_tab(browser: Any, width: int, height: int, **options: Any) -> Any:
+    """A page of width x height pixels that keeps what it complains about in `complaints`."""
+    tab = browser.new_page(viewport={'width': width, 'height': height}, **options)
+    tab.set_default_timeout(TIMEOUT_MS)
+    tab.complaints = []
+    tab.on('console', lambda m: tab.complaints.append(m.text) if m.type == 'error' else None)
+    tab.on('pageerror', lambda error: tab.complaints.append(str(error)))
+    return tab

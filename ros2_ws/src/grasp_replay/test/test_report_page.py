@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from markupsafe import Markup
 
 from grasp_replay.report import (
     Curve,
@@ -17,6 +18,7 @@ from grasp_replay.report import (
     PublishedRow,
     ReportError,
     RowScene,
+    Section,
     write_report,
 )
 from grasp_replay.report.errors import error_scale, nice_ceiling, scan_displacement, vertex_errors
@@ -205,6 +207,15 @@ def test_text_from_outside_is_escaped(
     )
     text = path.read_text()
     assert '<script>alert' not in text and '</script><b>' not in text
+
+
+def test_a_section_of_another_module_stands_between_table_and_rows(
+    tmp_path: Path, results: dict
+) -> None:
+    section = Section('other', 'R & D', Markup('<p>made elsewhere</p>'))
+    text = write_report(results, [], tmp_path, {}, sections=[section]).read_text()
+    assert '<h2 id="other">R &amp; D</h2>\n<p>made elsewhere</p>' in text
+    assert text.index('id="comparison"') < text.index('id="other"') < text.index('row-by-row')
 
 
 def test_a_report_without_shapes_still_has_its_table(tmp_path: Path, results: dict) -> None:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from .scene import Curve, LinearityTrace, PublishedRow, ReportError, RowScene
+from .scene import Curve, LinearityTrace, PublishedRow, ReportError, RowScene, Section
 from .write import write_report
 
 __all__ = [
@@ -14,5 +14,6 @@ __all__ = [
     'PublishedRow',
     'ReportError',
     'RowScene',
+    'Section',
     'write_report',
 ]

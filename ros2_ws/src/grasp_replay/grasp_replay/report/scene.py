@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from markupsafe import Markup
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
@@ -204,3 +205,17 @@ class PublishedRow:
     nonlinear_error_m: float
     linear_error_m: float
     predicted_m: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page that another module writes, placed after the table.
+
+    key: names the section's anchor; title: its heading; body: HTML, escaped by its maker. The
+    page's style knows `.wide` round a table, `.note` under it, `.published`, `.predicted`,
+    `.measured` and `.synthetic` cells, and `figure` with `figcaption`.
+    """
+
+    key: str
+    title: str
+    body: Markup

@@ -17,7 +17,7 @@ from matplotlib.colors import to_hex
 
 from . import pictures
 from .errors import error_scale
-from .scene import Curve, Floats, LinearityTrace, PublishedRow, ReportError, RowScene
+from .scene import Curve, Floats, LinearityTrace, PublishedRow, ReportError, RowScene, Section
 from .viewer import colour_table, pack
 
 NEWTON_PER_LBF = 4.4482216152605
@@ -160,6 +160,7 @@ def write_report(
     curves: Sequence[Curve] = (),
     linearity: LinearityTrace | None = None,
     timings: Mapping[str, float] | None = None,
+    sections: Sequence[Section] = (),
 ) -> Path:
     """Write `report.html` and `pictures/<key>.png` into `out_dir`; returns the page's path.
 
@@ -167,6 +168,7 @@ def write_report(
     shapes is allowed when `scenes` is empty). provenance: names to values, one level of groups;
     a key `synthetic` is shown at the top. published: the paper's rows, kept apart from ours.
     curves: force over displacement; by default those of the results. timings: seconds by name.
+    sections: parts that other modules wrote, shown after the table.
     The same input gives the same bytes. Raises ReportError if rows and scenes do not fit.
     """
     rows = list(results['rows'])
@@ -199,6 +201,7 @@ def write_report(
         ],
         statistics=list(STATISTICS),
         detail=list(_detail(rows, theories)),
+        sections=list(sections),
         rows=[
             {
                 'key': scene.key,

@@ -25,6 +25,8 @@ from barrett_hand_bridge.emulator.serial_hand import SerialHand
 PR_SET_TIMERSLACK = 29
 BITS_PER_BYTE = 10
 IDLE_TICK_S = 0.005
+# How much too late the kernel wakes a sleeper.
+WAKE_UP_S = 100e-6
 LONGEST_STEP_S = 0.05
 SPEEDS = {
     getattr(termios, f'B{speed}'): speed for speed in (600, 1200, 2400, 4800, 9600, 19200, 38400)
@@ -136,8 +138,12 @@ class PtyPort:
         for queue in (self._incoming, self._outgoing):
             if queue:
                 due = min(due, queue[0][0])
+        # The last byte of an answer is awaited awake: its lateness would count as the line's.
+        awake_s = WAKE_UP_S if len(self._outgoing) == 1 else 0.0
         inputs = [self._wake_read] + ([] if self._master is None else [self._master])
-        ready, _, _ = select.select(inputs, [], [], max(due - now, 0.0))
+        ready, _, _ = select.select(inputs, [], [], max(due - awake_s - now, 0.0))
+        while not ready and 0.0 < due - time.monotonic() <= awake_s:
+            continue
         if self._wake_read in ready:
             os.read(self._wake_read, 4096)
         if self._master in ready and self._master is not None:

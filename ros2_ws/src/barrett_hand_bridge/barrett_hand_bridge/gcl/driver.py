@@ -232,43 +232,44 @@ class SerialHand:
 
     def _cycle(self, request: bytes) -> HandSample:
         line = self._connected()
-        port = line.port
-        size = self.layout.feedback_bytes
         if not self._asked:
-            self._ask(port, request)
+            self._ask(line.port, request)
         self._asked = False
         if self._prefetch:
             # The block is still on its way: one sleep instead of a wake-up for every byte.
             time.sleep(max(self._asked_at + 0.9 * self.cycle_s - time.monotonic(), 0.0))
-        late_s = LATE_PERIODS * self.cycle_s if self._late_s is None else self._late_s
-        left = self._asked_at + late_s - time.monotonic()
-        port.timeout = max(left, line.byte_s)
-        data = port.read(1)
-        if not data:
-            self.late()
-            port.timeout = PATIENCE_S
-            data = port.read(1)
-        stamp_ns = self._clock_ns()
+        data, stamp_ns = self._block(line)
         if data and data[0] != ACKNOWLEDGE:
-            status = language.parse_loop_end(data + line.until_prompt())
-            raise HandRefusedError('LOOP', status)
-        if data:
-            port.timeout = size * line.byte_s + 0.02
-            data += port.read(size - 1)
-            if len(data) < size:
-                self.late()
-                port.timeout = PATIENCE_S
-                data += port.read(size - len(data))
+            raise HandRefusedError('LOOP', language.parse_loop_end(line.until_prompt(begun=data)))
+        size = self.layout.feedback_bytes
         if len(data) < size:
             raise HandLinkError(f'{len(data)} of {size} bytes of a feedback block came')
-        if port.in_waiting:
+        if line.port.in_waiting:
             raise HandLinkError('bytes nobody asked for follow a feedback block')
+        if self._prefetch:
+            self._ask(line.port, request)
+            self._asked = True
+        return self._sample(decode_feedback(self.layout, data), stamp_ns)
+
+    def _block(self, line: Line) -> tuple[bytes, int]:
+        """A feedback block, or what came instead, and the time of its first byte in ns."""
+        size = self.layout.feedback_bytes
+        late_s = LATE_PERIODS * self.cycle_s if self._late_s is None else self._late_s
+        data, stamp_ns = b'', 0
+        for patience_s in (self._asked_at + late_s - time.monotonic(), PATIENCE_S):
+            line.port.timeout = max(patience_s, line.byte_s)
+            if not self._prefetch and not data:
+                data, stamp_ns = line.port.read(1), self._clock_ns()
+            if self._prefetch or data:
+                data += line.port.read(size - len(data))
+            if len(data) == size or (data and data[0] != ACKNOWLEDGE):
+                break
+            if patience_s != PATIENCE_S:
+                self.late()
         if self._prefetch:
             # Bytes of a block follow one another: its first one came that much earlier.
             stamp_ns = self._clock_ns() - round(1e9 * (size - 1) * line.byte_s)
-            self._ask(port, request)
-            self._asked = True
-        return self._sample(decode_feedback(self.layout, data), stamp_ns)
+        return data, stamp_ns
 
     def _ask(self, port: Port, request: bytes) -> None:
         port.write(request)

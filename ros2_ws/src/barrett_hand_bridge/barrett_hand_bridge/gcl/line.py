@@ -70,10 +70,10 @@ class Line:
             raise HandRefusedError(line, reply.status)
         return reply
 
-    def until_prompt(self, timeout_s: float = ANSWER_TIMEOUT_S) -> bytes:
-        """Everything that comes up to a prompt, or until the time is over."""
+    def until_prompt(self, timeout_s: float = ANSWER_TIMEOUT_S, begun: bytes = b'') -> bytes:
+        """What has `begun` and everything up to a prompt, or until the time is over."""
         deadline = time.monotonic() + timeout_s
-        data = bytearray()
+        data = bytearray(begun)
         while not data.endswith(PROMPT):
             left = deadline - time.monotonic()
             if left <= 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -13,6 +14,18 @@ from bags.axisymmetric import Ball, Solution
 from bags.calculix import Array
 
 FOLDER = Path(__file__).parent / 'solid'
+SHIPPED = (
+    Path(__file__).parents[1]
+    / 'ros2_ws/src/shell_deform/shell_deform/verification/solid_spheres.json'
+)
+SHIPPED_NUMBERS = (
+    'radius_over_thickness',
+    'outer_radius_m',
+    'thickness_m',
+    'young_modulus_pa',
+    'poisson_ratio',
+    'pin_radius_m',
+)
 TABLE = Path(__file__).parent / 'published' / 'table1.yaml'
 # A pin that grows with the bending length sqrt(R h) keeps the same load shape for every R/h;
 # 2 mm on the ball of R 31.25 mm and h 2.5 mm fixes the factor.
@@ -178,6 +191,23 @@ def sphere_series(ratios: tuple[float, ...] = SPHERE_RATIOS) -> None:
         )
         found['radius_over_thickness'] = ratio
         keep(found, solution.deck, f'sphere_rh_{ratio:g}')
+    SHIPPED.write_text(shipped_series())
+
+
+def shipped_series() -> str:
+    """The part of the kept series that `shell_verify --solid` compares with, as JSON."""
+    spheres = []
+    for ratio in SPHERE_RATIOS:
+        kept = json.loads((FOLDER / f'sphere_rh_{ratio:g}.json').read_text())
+        spheres.append(
+            {
+                **{key: kept[key] for key in SHIPPED_NUMBERS},
+                'force_n': [level['force_n'] for level in kept['levels']],
+                'displacement_m': [level['middle_displacement_m'] for level in kept['levels']],
+            }
+        )
+    lines = ',\n  '.join(json.dumps(sphere) for sphere in spheres)
+    return f'{{\n "source": "{kept["solver"]}",\n "spheres": [\n  {lines}\n ]\n}}\n'
 
 
 def _forces_for(ball: Ball, dents: Array) -> Array:

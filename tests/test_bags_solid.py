@@ -83,6 +83,10 @@ def test_a_thinner_sphere_is_closer_to_the_shell_limit() -> None:
     assert softness == sorted(softness, reverse=True)
 
 
+def test_the_series_that_shell_verify_ships_is_the_kept_one() -> None:
+    assert solid_ball.SHIPPED.read_text() == solid_ball.shipped_series()
+
+
 @pytest.mark.parametrize('name', SHELLS)
 def test_the_whole_face_is_outward_and_meets_its_mirror_images(name: str) -> None:
     truth = ShellTruth(name)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from shell_deform.model import ShellModel
 from shell_deform.theory import THEORIES
+from shell_deform.theory.thin_wall import thick_wall_warning, thickness_over_radius
 
 Array = NDArray[np.float64]
 
@@ -107,19 +108,10 @@ def von_mises(stress: Array) -> Array:
 
 
 def thickness_warning(model: ShellModel) -> str | None:
-    """A sentence when the wall is too thick for thin-shell theory, else None.
-
-    Against a 3-D solid the tennis ball (h/R = 0.08) is 2-11 % too stiff; thinner walls less.
-    """
+    """A sentence when the wall is too thick for thin-shell theory, else None."""
     b_11, b_12, b_22 = model.shell.reference.curvature.T
-    largest = np.abs(0.5 * (b_11 + b_22)) + np.hypot(0.5 * (b_11 - b_22), b_12)
-    ratio = float(np.max(model.shell.thickness * largest))
-    if ratio <= 0.05:
-        return None
-    return (
-        f'wall thickness over radius of curvature is {ratio:.3f}: thin-shell theory is a few '
-        'percent too stiff from 0.05 on (about 5-10 % at 0.08); an identified modulus absorbs it'
-    )
+    mean, gauss = 0.5 * (b_11 + b_22), b_11 * b_22 - b_12**2
+    return thick_wall_warning(thickness_over_radius(mean, gauss, model.shell.thickness))
 
 
 def _warnings(

@@ -5,13 +5,15 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from shell_deform.commands import solid_check
 from shell_deform.commands.console import CommandError, print_json, progress, run
-from shell_deform.verification import closed_forms, linear_course, snap, spheres, sze
+from shell_deform.verification import closed_forms, linear_course, snap, solid, spheres, sze
 from shell_deform.verification.problem import Verified
 
 Problems = Callable[[], Iterator[Verified]]
@@ -32,13 +34,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description='Solve the published and independent reference problems and compare. '
         'Quantities are in the units of their sources; errors are relative and signed.',
     )
-    parser.add_argument(
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
         '--group', choices=sorted(GROUPS), action='append', help='only these problems'
     )
+    which.add_argument(
+        '--solid',
+        action='store_true',
+        help='instead: spheres of R/h 6 to 100 against a 3-D solid, and the rule for thick walls',
+    )
+    parser.add_argument('--plot', type=Path, metavar='FILE', help='with --solid: plot (PNG)')
     parser.add_argument('--all-rows', action='store_true', help='every load, not only the worst')
     parser.add_argument('--json', action='store_true', help='one JSON document on stdout')
     options = parser.parse_args(arguments)
-    return run('shell_verify', lambda: _verify(options))
+    if options.plot and not options.solid:
+        parser.error('--plot goes with --solid')
+    return run('shell_verify', lambda: _solid(options) if options.solid else _verify(options))
+
+
+def _solid(options: argparse.Namespace) -> None:
+    found = [solid.compare(ratio) for ratio in progress(solid.ratios(), 'spheres')]
+    results = [row for sphere in found for row in solid.verified(sphere)]
+    if options.plot:
+        solid_check.draw(options.plot, found)
+    if options.json:
+        print_json({'problems': [row.as_dict() for row in results], 'rule': solid_check.rule()})
+    else:
+        Console(width=132).print(_table(results) if options.all_rows else solid_check.table(found))
+        print(solid_check.rule())
+    _judge(results)
 
 
 def _verify(options: argparse.Namespace) -> None:
@@ -49,6 +73,10 @@ def _verify(options: argparse.Namespace) -> None:
         print_json({'problems': [result.as_dict() for result in results]})
     else:
         Console(width=132).print(_table(results if options.all_rows else _worst(results)))
+    _judge(results)
+
+
+def _judge(results: list[Verified]) -> None:
     missed = [result for result in results if not result.passed]
     if missed:
         worst = max(missed, key=lambda result: abs(result.error) / (result.goal or 1.0))

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from ..surface.control_mesh import ControlMesh, MeshError, control_mesh
 from ..surface.limit import LimitSurface
 from ..surface.scan_fit import ScanFit, fit_scan
+from ..theory.thin_wall import thick_wall_warning, thickness_over_radius
 from .drawn import drawn_together
 from .file_mesh import LimitTarget
 from .remesh import EvenMesh, decimated, even_mesh, smoothed
@@ -29,14 +30,6 @@ HOLE_SHARE = 0.5
 
 VERTEX_STEPS = (160, 320, 640, 1280, 2560, 5120, 10_240)
 """Numbers of control vertices that are tried to reach a wanted error."""
-
-STIFFNESS_ERROR_PER_SLENDERNESS = 1.4
-"""How much too stiff thin-shell theory is under a pin, per thickness over radius of curvature.
-
-A solid model of a ball with thickness / radius = 0.08 is 11 % softer at small loads."""
-
-THIN = 0.05
-"""Thickness over radius of curvature above which the theory's error deserves a warning."""
 
 
 @dataclass(frozen=True)
@@ -59,12 +52,9 @@ class PreparedScan:
     def warnings(self) -> list[str]:
         """What the user should know about the object."""
         found = []
-        if self.slenderness > THIN:
-            error = STIFFNESS_ERROR_PER_SLENDERNESS * self.slenderness
-            found.append(
-                f'the wall is {self.slenderness:.2g} of the radius of curvature: thin-shell '
-                f'theory will be about {100 * error:.0f} % too stiff at small loads'
-            )
+        wall = thick_wall_warning(self.slenderness)
+        if wall is not None:
+            found.append(wall)
         lost = 1.0 - float(self.fit.counted.mean())
         if lost > 0.02:
             found.append(
@@ -178,5 +168,4 @@ def _slenderness(mesh: ControlMesh, wall: FloatArray) -> float:
     triangle = np.arange(mesh.triangle_count)
     middle = np.full((len(triangle), 2), 1.0 / 3.0)
     mean, gauss = LimitSurface(mesh).evaluate(mesh.vertices, triangle, middle).curvatures()
-    largest = np.abs(mean) + np.sqrt(np.maximum(mean**2 - gauss, 0.0))
-    return float(np.quantile(largest * wall[mesh.triangles].mean(axis=1), 0.95))
+    return thickness_over_radius(mean, gauss, wall[mesh.triangles].mean(axis=1))

@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 from shell_deform.building import build_model, object_contacts, with_material
-from shell_deform.live.rehearsal import rehearse
+from shell_deform.live.rehearsal import Rehearsal
 from shell_deform.live.sample import FLAG_CONTACT, ContactSample
 from shell_deform.loads import ContactPatch
 from shell_deform.objects import load_object
@@ -27,7 +27,7 @@ def compile_kernels() -> None:
     solver = EquilibriumSolver(model, NewtonOptions(stability=True))
     contacts = object_contacts(small, model)
     solver.solve(displaced(contacts, [1e-4] * len(contacts)))
-    rehearse(model, _touching(contacts, 0.5 * small.thickness_m))
+    Rehearsal(model).settle(_touching(contacts, 0.5 * small.thickness_m))
 
 
 def _touching(contacts: tuple[ContactPatch, ...], half_wall: float) -> ContactSample:

@@ -26,6 +26,7 @@ from shell_deform.live.estimator import Estimator, Served
 from shell_deform.live.health import Latencies, StampWatch
 from shell_deform.live.pose import Pose, PoseError, pose_of
 from shell_deform.live.sample import SampleError, check
+from shell_deform.live.serve_kernel import NONLINEAR_FIELDS
 from shell_deform.live.states import LiveState, Watch
 from shell_deform.live.worker_link import Build, WorkerError, WorkerLink, empty_request
 
@@ -185,7 +186,8 @@ class DeformationNode(Node):
         self.link.worker.post(self._request)
 
     def _publish(self, name: str, packed: Any, stamp: int) -> None:
-        self._clouds[name].publish(self._writer.message(packed, stamp, self._frame))
+        writer = self._nonlinear_writer if name == 'nonlinear' else self._writer
+        self._clouds[name].publish(writer.message(packed, stamp, self._frame))
 
     def _publish_more(self, estimator: Estimator, served: Served, new_result: bool) -> None:
         for name, publisher in self._scalars.items():
@@ -246,6 +248,7 @@ class DeformationNode(Node):
             self.estimator.adopted = previous.adopted
             return
         self._writer = messages.SurfaceWriter(len(memory.rest))
+        self._nonlinear_writer = messages.SurfaceWriter(len(memory.rest), NONLINEAR_FIELDS)
         self._publish_mesh()
         self.get_logger().info(
             f'{self.get_parameter("object").value}: {len(memory.rest)} vertices, serving'

@@ -143,19 +143,19 @@ def read_pose(message: PoseStamped) -> Pose:
 
 
 class SurfaceWriter:
-    """Builds PointCloud2 messages of (n, 8) float32 fields, reusing everything but the data."""
+    """Builds PointCloud2 messages of (n, f) float32 fields, reusing everything but the data."""
 
-    def __init__(self, vertices: int) -> None:
+    def __init__(self, vertices: int, fields: tuple[str, ...] = FIELDS) -> None:
         self._message = PointCloud2(
             height=1,
             width=int(vertices),
             fields=[
                 PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
-                for i, name in enumerate(FIELDS)
+                for i, name in enumerate(fields)
             ],
             is_bigendian=False,
-            point_step=4 * len(FIELDS),
-            row_step=4 * len(FIELDS) * int(vertices),
+            point_step=4 * len(fields),
+            row_step=4 * len(fields) * int(vertices),
             is_dense=True,
         )
 

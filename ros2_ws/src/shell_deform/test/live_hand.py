@@ -18,7 +18,14 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Float64, String
 
+from shell_deform.live.estimator import Settings
+from shell_deform.live.fusion import ErrorModel
+from shell_deform.live.rehearsal import Rehearsal
 from shell_deform.live.sample import FLAG_CONTACT, ContactSample
+
+SURE = ErrorModel(
+    drift=0.0, quantum=0.0, mounting=1e-7, slip=1e-7, modulus=1e-4, model=0.0, outside=1e-3
+)
 
 FIELDS = [
     *((name, 'f4') for name in ('x', 'y', 'z', 'nx', 'ny', 'nz', 'fx', 'fy', 'fz')),
@@ -33,6 +40,11 @@ FIELDS = [
 ]
 ROW = np.dtype(FIELDS)
 CODES = {'f4': PointField.FLOAT32, 'u1': PointField.UINT8}
+
+
+def pipeline(model, errors=SURE):
+    """Tick and solver in turn, sure of everything unless `errors` says otherwise."""
+    return Rehearsal(model, Settings(errors))
 
 
 def sample(
@@ -101,8 +113,8 @@ def cloud(contacts: ContactSample, frame='hand_base') -> PointCloud2:
 
 
 def packed(message: PointCloud2) -> np.ndarray:
-    """(n, 8) of a surface message."""
-    return np.frombuffer(message.data, np.float32).reshape(-1, 8)
+    """(n, f) of a surface message, its fields in their order."""
+    return np.frombuffer(message.data, np.float32).reshape(-1, len(message.fields))
 
 
 @contextmanager

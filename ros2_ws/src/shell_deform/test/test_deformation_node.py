@@ -121,6 +121,9 @@ def test_a_steady_squeeze_is_served_as_the_nonlinear_equilibrium(node, hand):
     nonlinear = live_hand.packed(hand.nonlinear[-1])
     assert np.linalg.norm(served[:, :3] - nonlinear[:, :3], axis=1).max() < 2e-5
     assert hand.surfaces[-1].header.frame_id == 'hand_base'
+    assert [field.name for field in hand.nonlinear[-1].fields][-1] == 'energy_density'
+    deepest = np.argmax(nonlinear[:, 6])
+    assert nonlinear[deepest, 8] > 10.0 * np.median(nonlinear[:, 8])
     assert 'CONTACT' in hand.states
 
 

@@ -5,9 +5,10 @@ from dataclasses import replace
 import live_hand
 import numpy as np
 import pytest
-from live_pipeline import SURE, Pipeline
+from live_hand import SURE
 
 from shell_deform.live.condensed import contact_rows
+from shell_deform.live.energy_density import EnergyDensity
 from shell_deform.live.fusion import ErrorModel
 from shell_deform.live.pose import Pose, rotation_of
 from shell_deform.live.sample import FLAG_CONTACT
@@ -58,21 +59,21 @@ def error(packed, surface):
 @pytest.mark.parametrize('drive', ['force', 'motion', 'fused'])
 def test_at_rest_of_all_errors_the_served_surface_is_the_converged_one(model, truth, drive):
     force, surface = truth.at(5e-3)
-    pipeline = Pipeline(model, replace(SURE, drive=drive))
+    pipeline = live_hand.pipeline(model, replace(SURE, drive=drive))
     served = pipeline.settle(squeeze(force, 5e-3), rounds=4)
     assert error(served.packed, surface) < 2e-5
     assert served.max_displacement == pytest.approx(5e-3, rel=0.01)
 
 
 def test_before_the_first_result_the_shell_is_served_at_rest(model):
-    pipeline = Pipeline(model)
+    pipeline = live_hand.pipeline(model)
     served = pipeline.tick(squeeze([5.0, 5.0], 1e-3))
     assert served.max_displacement == 0.0
     assert served.unknown == (1, 2)
 
 
 def test_between_results_the_tangent_carries_a_small_step(model, truth):
-    pipeline = Pipeline(model, replace(SURE, drive='motion'))
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
     force, _ = truth.at(4e-3)
     pipeline.settle(squeeze(force, 4e-3))
     force, surface = truth.at(4.3e-3)
@@ -81,7 +82,7 @@ def test_between_results_the_tangent_carries_a_small_step(model, truth):
 
 
 def test_the_error_of_the_linear_step_is_reported_honestly(model, truth):
-    pipeline = Pipeline(model, replace(SURE, drive='motion'))
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
     for depth in (3e-3, 3.5e-3):
         force, _ = truth.at(depth)
         pipeline.settle(squeeze(force, depth))
@@ -91,8 +92,18 @@ def test_the_error_of_the_linear_step_is_reported_honestly(model, truth):
     assert 0.3 * real < served.extrapolation < 5.0 * real
 
 
+def test_the_energy_density_adds_up_to_the_work_of_the_fingers(model, truth):
+    force, _ = truth.at(3e-3)
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
+    pipeline.settle(squeeze(force, 3e-3))
+    positions = pipeline.solver.tracker.positions
+    field = EnergyDensity(model)
+    total = float(field.areas @ pipeline.estimator.nonlinear()[:, 8].astype(float))
+    assert total == pytest.approx(model.shell.energy('koiter', positions), rel=1e-5)
+
+
 def test_free_fingers_leave_the_shell_at_rest(model, truth):
-    pipeline = Pipeline(model)
+    pipeline = live_hand.pipeline(model)
     force, _ = truth.at(3e-3)
     pipeline.settle(squeeze(force, 3e-3))
     free = squeeze([0.0, 0.0], 0.0, flags=0)
@@ -111,14 +122,14 @@ def test_the_answer_is_in_the_frame_of_the_contacts(model, truth):
         normal=there.normal @ pose.rotation.T,
         force=there.force @ pose.rotation.T,
     )
-    pipeline = Pipeline(model, replace(SURE, drive='motion'))
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
     pipeline.estimator.pose = pose
     served = pipeline.settle(turned)
     assert error(served.packed, pose.from_object(surface)) < 2e-5
 
 
 def test_a_sliding_contact_keeps_being_followed(model):
-    pipeline = Pipeline(model, replace(SURE, drive='motion'))
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
     depth, generations = 2e-3, set()
     for step in range(12):
         angle = 0.03 * step
@@ -152,7 +163,7 @@ def test_a_third_finger_is_taken_up_and_dropped_again(model):
             radius=3e-3,
         )
 
-    pipeline = Pipeline(model, replace(SURE, drive='motion'))
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
     served = pipeline.settle(contacts(3, 1))
     assert served.displacement == pytest.approx([1.5e-3] * 3, abs=1e-5)
     assert served.force[0] == pytest.approx(served.force[1], rel=1e-3)
@@ -171,9 +182,9 @@ def test_a_third_finger_is_taken_up_and_dropped_again(model):
 def test_a_wrong_modulus_is_a_contradiction_between_force_and_motion(model, truth):
     force, _ = truth.at(4e-3)
     sure = ErrorModel(drift=0.02, modulus=0.02, model=0.0)
-    pipeline = Pipeline(model, sure)
+    pipeline = live_hand.pipeline(model, sure)
     assert pipeline.settle(squeeze(force, 4e-3)).contradiction < 1.0
-    pipeline = Pipeline(model, sure)
+    pipeline = live_hand.pipeline(model, sure)
     served = pipeline.settle(squeeze(1.5 * force, 4e-3))
     assert served.contradiction > 3.0
     assert served.suspect
@@ -185,7 +196,7 @@ def test_force_alone_is_worse_than_both_beyond_five_millimetres(model, truth):
     measured = np.round((force + drift) / quantum) * quantum
     errors = {}
     for drive in ('force', 'fused'):
-        pipeline = Pipeline(model, ErrorModel(drive=drive, drift=drift, quantum=quantum))
+        pipeline = live_hand.pipeline(model, ErrorModel(drive=drive, drift=drift, quantum=quantum))
         served = pipeline.settle(squeeze(measured, 7e-3 + 2e-5), rounds=4)
         errors[drive] = error(served.packed, surface)
     assert errors['fused'] < 0.5 * errors['force']
@@ -193,12 +204,12 @@ def test_force_alone_is_worse_than_both_beyond_five_millimetres(model, truth):
 
 def test_the_linear_answer_is_proportional_to_the_force(model, truth):
     force, _ = truth.at(6e-3)
-    pipeline = Pipeline(model, replace(SURE, drive='motion'))
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
     pipeline.settle(squeeze(force, 6e-3), rounds=4)
     first = pipeline.estimator.linear()[:, 3:6].copy()
     served = pipeline.tick(squeeze(force, 6e-3))
     small, _ = truth.at(0.01e-3)
-    pipeline = Pipeline(model, replace(SURE, drive='motion'))
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
     pipeline.settle(squeeze(small, 0.01e-3), rounds=3)
     second = pipeline.estimator.linear()[:, 3:6]
     ratio = float(force[0] / small[0])
@@ -208,7 +219,7 @@ def test_the_linear_answer_is_proportional_to_the_force(model, truth):
 
 def test_a_pressurised_ball_is_measured_from_its_inflated_shape(sphere):
     inflated = sphere(R, H, subdivisions=2, young=12.75e6, gas=Gas('sealed', 50e3))
-    pipeline = Pipeline(inflated)
+    pipeline = live_hand.pipeline(inflated)
     radius = np.linalg.norm(pipeline.memory.rest, axis=1)
     assert radius.min() > R
     assert pipeline.tick(squeeze([0, 0], 0.0, flags=0)).max_displacement == 0.0
@@ -216,7 +227,7 @@ def test_a_pressurised_ball_is_measured_from_its_inflated_shape(sphere):
 
 def test_reset_forgets_the_contacts(model, truth):
     force, _ = truth.at(3e-3)
-    pipeline = Pipeline(model)
+    pipeline = live_hand.pipeline(model)
     pipeline.settle(squeeze(force, 3e-3))
     pipeline.estimator.forget()
     pipeline.solver.take(replace(pipeline.solver._load, reset=True, touches=(), stamp=9))
@@ -225,7 +236,7 @@ def test_reset_forgets_the_contacts(model, truth):
 
 
 def test_warming_up_leaves_the_shell_at_rest(model):
-    pipeline = Pipeline(model)
+    pipeline = live_hand.pipeline(model)
     pipeline.solver.warm_up()
     assert pipeline.solver.contacts.contacts == ()
     assert np.abs(pipeline.solver.tracker.state.moved).max() == 0.0
@@ -250,7 +261,7 @@ def coverage(model, truth, seeds, drive='fused'):
             live_hand.opposed(push, travel, OUTER, radius=3e-3, sigma_n=0.05),
             travel=travel,
         )
-        pipeline = Pipeline(model, errors)
+        pipeline = live_hand.pipeline(model, errors)
         served = pipeline.settle(contacts, rounds=3)
         normals = pipeline.estimator.adopted.slot.normals
         miss = np.abs(np.einsum('ni,ni->n', served.packed[:, :3] - surface, normals))
@@ -276,6 +287,6 @@ def test_the_ninety_percent_band_covers_over_two_hundred_seeds(sphere):
 
 
 def test_flags_of_contact_are_what_counts(model):
-    pipeline = Pipeline(model)
+    pipeline = live_hand.pipeline(model)
     served = pipeline.tick(squeeze([5.0, 5.0], 1e-3, flags=[FLAG_CONTACT, 0]))
     assert served.unknown == (1,)

@@ -3,7 +3,6 @@
 import live_hand
 import numpy as np
 import pytest
-from live_pipeline import SURE, Pipeline
 
 from shell_deform.live.placement import place
 from shell_deform.live.pose import Pose, rotation_of
@@ -69,7 +68,7 @@ def test_the_uncertainty_of_the_pose_is_in_sigma(sphere):
     model = sphere(R, H, subdivisions=2, young=12e6)
     sigma = {}
     for given in (True, False):
-        pipeline = Pipeline(model, SURE)
+        pipeline = live_hand.pipeline(model)
         if not given:
             pipeline.estimator.pose = None
         contacts = live_hand.opposed([2.0, 2.0], [3e-4] * 2, 0.0325, radius=3e-3)
@@ -80,7 +79,7 @@ def test_the_uncertainty_of_the_pose_is_in_sigma(sphere):
 
 def test_an_inferred_pose_serves_the_surface_where_the_fingers_are(sphere):
     model = sphere(R, H, subdivisions=2, young=12e6)
-    pipeline = Pipeline(model, SURE)
+    pipeline = live_hand.pipeline(model)
     pipeline.estimator.pose = None
     contacts = live_hand.opposed([2.0, 2.0], [3e-4] * 2, 0.0325, radius=3e-3)
     shift = np.array([0.2, 0.1, -0.3])

@@ -17,7 +17,7 @@ from shell_deform.live.fusion import ErrorModel, Measured, Posterior, Response, 
 from shell_deform.live.linearity import linear_error
 from shell_deform.live.pose import IDENTITY, Pose, pose_of
 from shell_deform.live.sample import ContactSample, one_row_per_finger
-from shell_deform.live.serve_kernel import FIELDS, serve
+from shell_deform.live.serve_kernel import FIELDS, NONLINEAR_FIELDS, serve
 
 Array = NDArray[np.float64]
 
@@ -136,7 +136,7 @@ class Estimator:
         n = len(rest)
         self._packed = np.zeros((n, len(FIELDS)), dtype=np.float32)
         self._packed_linear = np.zeros_like(self._packed)
-        self._packed_nonlinear = np.zeros_like(self._packed)
+        self._packed_nonlinear = np.zeros((n, len(NONLINEAR_FIELDS)), dtype=np.float32)
         self._no_columns = np.zeros((n, 3, 1))
         self._no_bend = np.zeros((n, 3))
 
@@ -231,7 +231,7 @@ class Estimator:
         return self._packed_linear
 
     def nonlinear(self) -> NDArray[np.float32] | None:
-        """The last converged equilibrium, packed (n, 8); None before the first."""
+        """The last converged equilibrium, packed (n, 9); None before the first."""
         adopted = self.adopted
         if adopted is None:
             return None
@@ -242,6 +242,7 @@ class Estimator:
         self._pack(
             self._packed_nonlinear, adopted.slot.surface, adopted.columns, np.zeros(j), root
         )
+        self._packed_nonlinear[:, -1] = adopted.slot.energy_density
         return self._packed_nonlinear
 
     def fill_request(self, record: np.void) -> None:

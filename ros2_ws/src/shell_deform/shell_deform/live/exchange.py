@@ -65,7 +65,6 @@ RESULT = np.dtype(
         ('stable', '<i8'),
         ('snap_margin', '<f8'),
         ('energy', '<f8'),
-        ('gas_pressure', '<f8'),
         ('seconds', '<f8'),
         ('factorisations', '<i8'),
         ('dropped', '<i8'),
@@ -118,7 +117,7 @@ class Layout:
     def slot(self) -> int:
         """Bytes of one result slot."""
         fields = 3 + MAX_INPUTS + MAX_CONTACTS
-        return _round(RESULT.itemsize + fields * self.field)
+        return _round(RESULT.itemsize + fields * self.field + 8 * self.vertices)
 
     @property
     def requests(self) -> int:
@@ -150,6 +149,7 @@ class Slot:
         columns: room for (n, 3, j) motions of the limit positions per unit input.
         linear: room for (n, 3, k) motions per unit push from rest.
         bend: (n, 3) [1/m] second-order motion per squared step along `bend_direction`.
+        energy_density: (n,) strain energy per undeformed area [J/m^2].
     """
 
     record: np.void
@@ -158,6 +158,7 @@ class Slot:
     columns: Array
     linear: Array
     bend: Array
+    energy_density: Array
 
     def input_columns(self) -> Array:
         """(n, 3, j) view of the columns in use."""
@@ -198,10 +199,10 @@ class SharedMemory:
         record = self._view(RESULT, at, 1)[0]
         at += RESULT.itemsize
         parts = []
-        for count in (3 * n, 3 * n, 3 * n * MAX_INPUTS, 3 * n * MAX_CONTACTS, 3 * n):
+        for count in (3 * n, 3 * n, 3 * n * MAX_INPUTS, 3 * n * MAX_CONTACTS, 3 * n, n):
             parts.append(self._view('<f8', at, count))
             at += 8 * count
-        surface, normals, columns, linear, bend = parts
+        surface, normals, columns, linear, bend, energy_density = parts
         return Slot(
             record,
             surface.reshape(n, 3),
@@ -209,6 +210,7 @@ class SharedMemory:
             columns,
             linear,
             bend.reshape(n, 3),
+            energy_density,
         )
 
     def write_request(self, request: np.ndarray, sequence: int) -> None:

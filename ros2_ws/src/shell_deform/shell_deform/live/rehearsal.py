@@ -1,12 +1,11 @@
-"""A squeeze without processes, so that every kernel of the live path is compiled beforehand."""
+"""The live estimator without processes: tick and solver take turns, as the caller says."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from shell_deform.live.estimator import Estimator, Settings
+from shell_deform.live.estimator import Estimator, Served, Settings
 from shell_deform.live.exchange import REQUEST
-from shell_deform.live.fusion import ErrorModel
 from shell_deform.live.load_case import load_of
 from shell_deform.live.pose import IDENTITY
 from shell_deform.live.sample import ContactSample
@@ -14,25 +13,41 @@ from shell_deform.live.solving import LiveSolver
 from shell_deform.live.worker import share
 from shell_deform.model import ShellModel
 
-ROUNDS = 3
 
+class Rehearsal:
+    """Solver, shared memory and estimator of one model, the object where the contacts are."""
 
-def rehearse(model: ShellModel, sample: ContactSample) -> None:
-    """Serve `sample` and let the solver answer, a few times in turn."""
-    solver = LiveSolver(model)
-    solver.warm_up()
-    memory, _ = share(solver)
-    estimator = Estimator(memory.rest, memory.rest_normals, Settings(ErrorModel()))
-    estimator.warm_up()
-    estimator.pose = IDENTITY
-    for sequence in range(1, ROUNDS + 1):
-        estimator.tick(sample)
+    def __init__(self, model: ShellModel, settings: Settings | None = None) -> None:
+        self.solver = LiveSolver(model)
+        self.solver.warm_up()
+        self.memory, _ = share(self.solver)
+        self.estimator = Estimator(
+            self.memory.rest, self.memory.rest_normals, settings or Settings()
+        )
+        self.estimator.warm_up()
+        self.estimator.pose = IDENTITY
+        self._sequence = 0
+
+    def tick(self, sample: ContactSample) -> Served:
+        """Serve one sample from what is known."""
+        return self.estimator.tick(sample)
+
+    def refresh(self) -> None:
+        """Let the solver answer the last tick, and adopt its result."""
         request = np.zeros(1, REQUEST)
-        estimator.fill_request(request[0])
-        solver.take(load_of(request[0]))
-        solver.refine()
-        index = memory.free_slot()
-        solver.fill(memory.slots[index])
-        memory.publish(index, sequence)
-        estimator.adopt(memory.take())
-    estimator.tick(sample)
+        self.estimator.fill_request(request[0])
+        self._sequence += 1
+        self.memory.write_request(request, self._sequence)
+        self.solver.take(load_of(request[0]))
+        self.solver.refine()
+        index = self.memory.free_slot()
+        self.solver.fill(self.memory.slots[index])
+        self.memory.publish(index, self._sequence)
+        self.estimator.adopt(self.memory.take())
+
+    def settle(self, sample: ContactSample, rounds: int = 3) -> Served:
+        """Tick and refresh in turn, so that both agree."""
+        for _ in range(rounds):
+            self.tick(sample)
+            self.refresh()
+        return self.tick(sample)

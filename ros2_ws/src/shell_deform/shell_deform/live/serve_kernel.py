@@ -16,6 +16,8 @@ from shell_deform.compiled import HAVE_NUMBA
 Array = NDArray[np.float64]
 
 FIELDS = ('x', 'y', 'z', 'ux', 'uy', 'uz', 'displacement', 'sigma')
+NONLINEAR_FIELDS = (*FIELDS, 'energy_density')
+"""What the background process knows besides: strain energy per undeformed area [J/m^2]."""
 
 
 def serve_numpy(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from shell_deform.live.condensed import HELD_ROWS, Condensed, ContactRows, contact_rows
 from shell_deform.live.contact_tracking import ContactTracker, Touch
+from shell_deform.live.energy_density import EnergyDensity
 from shell_deform.live.exchange import MAX_CONTACTS, MAX_RIGID, Slot
 from shell_deform.live.linearity import SmallLoads, small_loads
 from shell_deform.live.load_case import DRIVE_FORCE, Load
@@ -37,6 +38,7 @@ class LiveSolver:
         self.tracker = EquilibriumTracker(model, options)
         self.contacts = ContactTracker(model)
         self._wall = float(model.shell.thickness.mean())
+        self._energy_density = EnergyDensity(model)
         self._size = len(model.rest)
         self.generation = 0
         self._rigid_anchor = np.zeros(0)
@@ -154,7 +156,6 @@ class LiveSolver:
         record['stable'] = int(system.negative_modes_driven(driven) == 0)
         record['snap_margin'] = self._snap_margin(system.compliance)
         record['energy'] = tracker.state.energy
-        record['gas_pressure'] = self._gas_pressure()
         record['seconds'] = self.seconds
         record['factorisations'] = tracker.factorisations
         for name, values in (
@@ -197,6 +198,7 @@ class LiveSolver:
         slot.columns[: 3 * self._size * j] = self._limit_columns.reshape(-1)
         slot.linear[: 3 * self._size * k] = self._linear_columns.reshape(-1)
         slot.bend[:] = self._bend
+        slot.energy_density[:] = self._energy_density.at(positions)
 
     def _rows(self) -> ContactRows:
         assert self.tracker.rows is not None
@@ -334,12 +336,6 @@ class LiveSolver:
         if self._small is None or not len(compliance):
             return 1.0
         return _smallest_stiffness(compliance) / _smallest_stiffness(self._small.compliance)
-
-    def _gas_pressure(self) -> float:
-        model = self.model
-        if not (model.gas.is_sealed or model.pressure):
-            return 0.0
-        return float(model.overpressure(model.shell.volume(self.tracker.positions)[0]))
 
 
 def _smallest_stiffness(compliance: Array) -> float:

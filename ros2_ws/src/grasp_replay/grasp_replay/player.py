@@ -15,7 +15,7 @@ from grasp_replay.cdr import has_header
 from grasp_replay.errors import BagError
 from grasp_replay.lockstep import Lockstep
 from grasp_replay.read_ahead import ReadAhead
-from grasp_replay.replay_core import Control, Tally, Verdict, passages
+from grasp_replay.replay_core import Control, Tally, Verdict, latched_before
 from grasp_replay.replay_options import ReplayOptions
 
 # A wait longer than this is interrupted by services; the rest is slept through.
@@ -24,14 +24,10 @@ SHORT_WAIT = 0.002
 SETTLE_SECONDS = 1.0
 
 
-class Stage(Protocol):
-    """What a player needs of its surroundings; topics by their name in the bag."""
+class Outlet(Protocol):
+    """Sends messages; `names` are those of the topics in the bag, and those they get."""
 
-    control: Control
-    changed: threading.Condition
-
-    def topics(self) -> dict[str, str]:
-        """The topics that can be sent, and the names they are sent under."""
+    names: dict[str, str]
 
     def unmatched(self) -> set[str]:
         """Those of them that nobody listens to."""
@@ -39,11 +35,22 @@ class Stage(Protocol):
     def send(self, message: Message) -> bool:
         """Send stored bytes; False when they were refused."""
 
-    def send_clock(self, nanoseconds: int) -> None:
-        """Send `/clock`."""
-
     def unacknowledged(self, seconds: float) -> list[str]:
         """Topics whose messages were not all received within `seconds`."""
+
+
+class Stage(Protocol):
+    """What a player needs of its surroundings; `changed` guards `control`."""
+
+    control: Control
+    changed: threading.Condition
+
+    @property
+    def senders(self) -> Outlet:
+        """What the messages go through."""
+
+    def send_clock(self, nanoseconds: int) -> None:
+        """Send `/clock`."""
 
     def alive(self) -> bool:
         """False when everything is to end."""
@@ -61,7 +68,7 @@ class Player:
         self.tally = Tally(options.late_after)
         self.unacknowledged: list[str] = []
         self.lockstep = lockstep
-        self._names = stage.topics()
+        self._names = stage.senders.names
         self._stamped = {name: has_header(bag.topics[name].type_name) for name in self._names}
         self._last_clock = -1
         self._next_show = 0.0
@@ -77,7 +84,7 @@ class Player:
             raise BagError(f'--wait-for {", ".join(sorted(unknown))} is not among the topics sent')
         deadline = time.monotonic() + self.options.wait
         while self.stage.alive():
-            missing = {self._names[name] for name in self.stage.unmatched()}
+            missing = {self._names[name] for name in self.stage.senders.unmatched()}
             if not (missing & required if required else missing):
                 break
             if time.monotonic() >= deadline:
@@ -94,24 +101,48 @@ class Player:
 
     def run(self, show: Callable[[float, str], None]) -> None:
         """Send everything; `show` is told the share done. Raises BagError on damage."""
-        start, stop = self.options.choice.span(self.bag)
-        going = True
-        while going:
+        start, _ = self.options.choice.span(self.bag)
+        place = start
+        while True:
             with self.stage.changed:
-                self.stage.control.pace.jump(start, time.monotonic())
-            source = ReadAhead(passages(self.bag, self.options.choice, set(self._names)))
-            try:
-                for message in source:
-                    self._show(show, message.log_time - start, stop - start)
-                    if not self._wait_and_send(message):
-                        return
-            finally:
-                source.close()
-            going = self.options.loop and self.tally.total > 0
+                if self.stage.control.target is not None:
+                    place, self.stage.control.target = self.stage.control.target, None
+            verdict = self._run_from(place, show)
+            if verdict is Verdict.STOP:
+                return
+            if verdict is None:
+                if not (self.options.loop and self.tally.total > 0):
+                    return
+                place = start
+
+    def _run_from(self, place: int, show: Callable[[float, str], None]) -> Verdict | None:
+        """Go on from the log time `place`, where listeners first get what is latched there.
+
+        Returns SEEK or STOP where that was asked for, None at the end of the bag.
+        """
+        start, stop = self.options.choice.span(self.bag)
+        latched = latched_before(self.bag, self._names, place)
+        source = ReadAhead(self.bag.messages(self._names, place, stop))
+        with self.stage.changed:
+            self.stage.control.pace.jump(place, time.monotonic())
+        if self.options.clock:
+            self._send_clock(place)
+        try:
+            for message in latched:
+                self._send(message, place, None)
+            for message in source:
+                self._show(show, message.log_time - start, stop - start)
+                verdict = self._wait_and_send(message)
+                if verdict is not Verdict.SEND:
+                    return verdict
+        finally:
+            source.close()
+        with self.stage.changed:
+            return None if self.stage.control.target is None else Verdict.SEEK
 
     def finish(self) -> None:
         """Wait for acknowledgements and note what did not arrive."""
-        self.unacknowledged = self.stage.unacknowledged(self.options.acknowledge_seconds)
+        self.unacknowledged = self.stage.senders.unacknowledged(self.options.acknowledge_seconds)
         if self.lockstep is not None:
             self.tally.lost += self.lockstep.unanswered
 
@@ -122,8 +153,8 @@ class Player:
             state = 'paused' if self.stage.control.pace.paused else ''
             show(passed / total, f'{passed * 1e-9:.1f} of {total * 1e-9:.1f} s {state}')
 
-    def _wait_and_send(self, message: Message) -> bool:
-        """Send one message at its time; False when the replay was stopped."""
+    def _wait_and_send(self, message: Message) -> Verdict:
+        """Send one message at its time; SEEK or STOP when that was asked for before."""
         control, changed = self.stage.control, self.stage.changed
         while self.stage.alive():
             with changed:
@@ -132,17 +163,18 @@ class Player:
                 if self.lockstep is not None and not stepped:
                     control.pace.jump(message.log_time, now)
                 verdict, wait = control.judge(message.log_time, now)
-                if verdict is Verdict.STOP:
-                    return False
+                if verdict in (Verdict.STOP, Verdict.SEEK):
+                    return verdict
                 if verdict is Verdict.WAIT and wait > SHORT_WAIT:
                     self._tick_clock(control, now)
                     changed.wait(min(wait - SHORT_WAIT / 2, 1.0 / (self.options.clock or 4.0)))
                     continue
             if verdict is Verdict.SEND:
-                self._send(message, None if stepped or self.lockstep else -wait)
-                return True
+                lateness = None if stepped or self.lockstep else -wait
+                self._send(message, message.log_time, lateness)
+                return verdict
             time.sleep(wait)
-        return False
+        return Verdict.STOP
 
     def _tick_clock(self, control: Control, now: float) -> None:
         bag_time = control.pace.bag_time(now)
@@ -153,13 +185,13 @@ class Player:
         self._last_clock = bag_time
         self.stage.send_clock(bag_time)
 
-    def _send(self, message: Message, lateness: float | None) -> None:
-        if self.options.clock and message.log_time != self._last_clock:
-            self._send_clock(message.log_time)
+    def _send(self, message: Message, bag_time: int, lateness: float | None) -> None:
+        if self.options.clock and bag_time != self._last_clock:
+            self._send_clock(bag_time)
         if self.lockstep is not None:
             name = self._names[message.topic]
             self.lockstep.ask(name, message.data, self._stamped[message.topic])
-        if not self.stage.send(message):
+        if not self.stage.senders.send(message):
             self.tally.lost += 1
             return
         self.tally.add(message.topic, lateness)

@@ -6,16 +6,22 @@ Every function that depends on time takes it as an argument, so that tests decid
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from enum import Enum
+from itertools import chain
 
 from grasp_replay.bag import Bag, Message, Topic
 from grasp_replay.errors import BagError
+from grasp_replay.qos import common_offer, parse_qos_text
 from grasp_replay.topic_selection import TopicSelection, absolute
 
 HIGHEST_RATE = 1000.0
 SERVICE_EVENT = '/_service_event'
+# Fast DDS sends what is longer in pieces of 64 KB, and its shared memory holds eight of them.
+LARGE_MESSAGE = 2**16
+PEEK_BYTES = 64 * 2**20
 
 
 @dataclass(frozen=True)
@@ -137,16 +143,25 @@ class Verdict(Enum):
 
     SEND = 'send'
     WAIT = 'wait'
+    SEEK = 'seek'
     STOP = 'stop'
 
 
 class Control:
-    """Pause, step and stop as commanded from outside; one message is asked about at a time."""
+    """Pause, step, seek and stop as commanded from outside; one message is asked about at a time.
+
+    `target` is the log time (ns) to go on from, None while there is no wish to jump.
+    """
 
     def __init__(self, pace: Pace) -> None:
         self.pace = pace
         self.steps = 0
         self.stopped = False
+        self.target: int | None = None
+
+    def place(self, now: float) -> int:
+        """Where the replay stands, or is about to: log time in ns."""
+        return self.pace.bag_time(now) if self.target is None else self.target
 
     def step(self) -> bool:
         """Let one message pass while paused; False when not paused."""
@@ -159,6 +174,8 @@ class Control:
         """What to do with the message of `log_time` at `now`, and for how long (s) to wait."""
         if self.stopped:
             return Verdict.STOP, 0.0
+        if self.target is not None:
+            return Verdict.SEEK, 0.0
         if self.pace.paused and self.steps:
             self.steps -= 1
             self.pace.jump(log_time, now)
@@ -225,7 +242,41 @@ class Tally:
         }
 
 
-def passages(bag: Bag, choice: Choice, names: set[str]) -> Iterator[Message]:
-    """The chosen messages of the topics `names`, once through, in time order."""
-    start, stop = choice.span(bag)
-    return bag.messages(names, start, stop)
+def latched_before(bag: Bag, names: Collection[str], place: int) -> list[Message]:
+    """What a late listener of the latched topics among `names` would know at the log time `place`.
+
+    Of each latched topic the last messages before `place`, one for each publisher it had.
+    """
+    kept: dict[str, deque[Message]] = {}
+    for name in names:
+        profiles = parse_qos_text(bag.topics[name].qos)
+        if profiles and common_offer(profiles).durability == 'transient_local':
+            kept[name] = deque(maxlen=len(profiles))
+    if not kept or place <= bag.start:
+        return []
+    for message in bag.messages(kept, bag.start, place):
+        kept[message.topic].append(message)
+    return sorted(chain.from_iterable(kept.values()), key=lambda message: message.log_time)
+
+
+def large_topics(bag: Bag, names: Collection[str]) -> set[str]:
+    """Those of the topics `names` whose first message the transport sends in pieces.
+
+    A topic that has not begun after `PEEK_BYTES` of messages counts as large.
+    """
+    unseen = {name for name in names if bag.topics[name].count}
+    large: set[str] = set()
+    passed = 0
+    try:
+        for message in bag.messages(unseen):
+            passed += len(message.data)
+            if message.topic in unseen:
+                unseen.discard(message.topic)
+                if len(message.data) > LARGE_MESSAGE:
+                    large.add(message.topic)
+            if not unseen or passed > PEEK_BYTES:
+                break
+    except BagError:
+        # The replay itself comes here and tells.
+        pass
+    return large | unseen

@@ -49,7 +49,8 @@ def build_parser() -> argparse.ArgumentParser:
         prog='replay',
         description='Send a recorded bag to its topics: stored bytes, undecoded, in order.',
         epilog='services: ~/pause ~/resume ~/toggle_paused ~/step ~/stop (std_srvs/Trigger); '
-        'parameter: rate (bag seconds per second), also while it runs',
+        'parameters, also while it runs: rate (bag seconds per second), position_s (s from the '
+        'start of the bag: setting it goes on from there)',
     )
     add = parser.add_argument
     add('bag', type=Path, help='bag directory, .mcap or .db3 file')

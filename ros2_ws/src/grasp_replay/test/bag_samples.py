@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from mcap.writer import CompressionType, IndexType, Writer
@@ -26,14 +26,19 @@ def write_strings(
     *,
     compression: str = 'none',
     chunk_every: int = 0,
+    qos: Mapping[str, Sequence[QosProfile]] | None = None,
 ) -> Path:
-    """A bag of (topic, log time in ns, text), flushed after every `chunk_every` messages."""
+    """A bag of (topic, log time in ns, text), flushed after every `chunk_every` messages.
+
+    `qos`: the profiles of topics whose publishers did not offer the default.
+    """
     with BagWriter(directory, compression=compression) as writer:
         numbers: dict[str, int] = {}
         for index, (topic, time, text) in enumerate(messages):
             if topic not in numbers:
+                profiles = (qos or {}).get(topic, [QosProfile()])
                 numbers[topic] = writer.add_topic(
-                    topic, 'std_msgs/msg/String', qos_text(QosProfile())
+                    topic, 'std_msgs/msg/String', qos_text(*profiles)
                 )
             writer.write(numbers[topic], string_cdr(text), time)
             if chunk_every and (index + 1) % chunk_every == 0:

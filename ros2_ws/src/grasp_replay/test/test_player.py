@@ -13,6 +13,7 @@ from grasp_replay.bag_reader import open_bag
 from grasp_replay.errors import BagError
 from grasp_replay.lockstep import Lockstep, LockstepRule, parse_rule
 from grasp_replay.player import Player
+from grasp_replay.qos import QosProfile
 from grasp_replay.read_ahead import ReadAhead
 from grasp_replay.replay_core import Choice, Control, Pace
 from grasp_replay.replay_options import ReplayOptions, parse_options
@@ -30,9 +31,11 @@ class FakeStage:
         self.deaf: set[str] = set()
         self.refuse = False
         self.on_send = lambda _message: None
+        self.names = {'/x': '/sent/x', '/y': '/sent/y'}
 
-    def topics(self) -> dict[str, str]:
-        return {'/x': '/sent/x', '/y': '/sent/y'}
+    @property
+    def senders(self) -> FakeStage:
+        return self
 
     def unmatched(self) -> set[str]:
         return self.deaf
@@ -54,7 +57,11 @@ class FakeStage:
 
 def _play(tmp_path: Path, stage: FakeStage, lockstep: Lockstep | None = None, **options) -> Player:  # type: ignore[no-untyped-def]
     path = tmp_path / 'bag'
-    write_strings(path, [('/xy'[0] + 'xy'[i % 2], i * 5 * MILLISECOND, str(i)) for i in range(6)])
+    write_strings(
+        path,
+        [('/xy'[0] + 'xy'[i % 2], i * 5 * MILLISECOND, str(i)) for i in range(6)],
+        qos={'/y': [QosProfile(durability='transient_local')]},
+    )
     with open_bag(path) as bag:
         player = Player(stage, bag, ReplayOptions(path, wait=0.0, **options), lockstep)
         player.wait_for_listeners()
@@ -101,6 +108,66 @@ def test_steps_pass_single_messages_while_paused(tmp_path: Path) -> None:
 
     stage.on_send = resume_after_two
     assert _play(tmp_path, stage).tally.total == 6
+
+
+def _seek_once(stage: FakeStage, after: int, to: int) -> None:
+    """Ask for the bag time `to` (ms) when `after` messages were sent."""
+
+    def seek(_message: Message) -> None:
+        if len(stage.log) == after:
+            stage.control.target = to * MILLISECOND
+
+    stage.on_send = seek
+
+
+def test_a_jump_ahead_leaves_out_what_is_between_but_for_what_is_latched(tmp_path: Path) -> None:
+    stage = FakeStage()
+    _seek_once(stage, after=1, to=20)
+    player = _play(tmp_path, stage)
+    assert stage.log == [('/x', 0), ('/y', 15), ('/x', 20), ('/y', 25)]
+    assert player.tally.total == 4
+
+
+def test_a_jump_back_sends_again_what_was_latched_then(tmp_path: Path) -> None:
+    stage = FakeStage()
+    _seek_once(stage, after=5, to=8)
+    _play(tmp_path, stage)
+    assert stage.log[5:] == [('/y', 5), ('/x', 10), ('/y', 15), ('/x', 20), ('/y', 25)]
+
+
+def test_a_jump_after_the_last_message_is_still_made(tmp_path: Path) -> None:
+    stage = FakeStage()
+    _seek_once(stage, after=6, to=25)
+    _play(tmp_path, stage)
+    assert stage.log[6:] == [('/y', 15), ('/y', 25)]
+
+
+def test_a_jump_while_paused_stays_paused_at_the_new_place(tmp_path: Path) -> None:
+    stage = FakeStage(paused=True)
+    stage.control.target = 10 * MILLISECOND
+    stage.control.steps = 1
+
+    def stop_after_the_step(message: Message) -> None:
+        stage.control.stopped = message.topic == '/x'
+
+    stage.on_send = stop_after_the_step
+    _play(tmp_path, stage)
+    assert stage.log == [('/y', 5), ('/x', 10)]
+    assert stage.control.pace.paused
+    assert stage.control.place(1e6) == 10 * MILLISECOND
+
+
+def test_the_clock_shows_the_new_place_before_anything_is_sent_there(tmp_path: Path) -> None:
+    stage = FakeStage(rate=1.0)
+    stage.control.target = 20 * MILLISECOND
+    _play(tmp_path, stage, clock=1000.0)
+    assert stage.log[:3] == [('clock', 20), ('/y', 15), ('/x', 20)]
+
+
+def test_an_offset_begins_with_what_is_latched_there(tmp_path: Path) -> None:
+    stage = FakeStage()
+    _play(tmp_path, stage, choice=Choice(start_offset=0.018))
+    assert stage.log == [('/y', 15), ('/x', 20), ('/y', 25)]
 
 
 def test_a_refused_message_counts_as_lost(tmp_path: Path) -> None:

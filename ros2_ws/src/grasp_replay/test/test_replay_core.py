@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from grasp_replay.bag import Topic
 from grasp_replay.bag_reader import open_bag
 from grasp_replay.errors import BagError
+from grasp_replay.qos import QosProfile
 from grasp_replay.replay_core import (
     Choice,
     Control,
@@ -20,8 +21,9 @@ from grasp_replay.replay_core import (
     Tally,
     Verdict,
     check_rate,
+    large_topics,
+    latched_before,
     parse_remap,
-    passages,
     refusal,
 )
 from grasp_replay.topic_selection import TopicSelection
@@ -34,7 +36,7 @@ def _choose(directory: Path, choice: Choice) -> list[int]:
     with open_bag(directory) as bag:
         return [
             message.log_time // SECOND - 100
-            for message in passages(bag, choice, set(choice.topics(bag)))
+            for message in bag.messages(choice.topics(bag), *choice.span(bag))
         ]
 
 
@@ -179,3 +181,46 @@ def test_the_tally_counts_sent_late_and_quantiles() -> None:
 
 def test_an_empty_tally_reports_zeros() -> None:
     assert Tally(0.005).report()['lateness_p99_s'] == 0.0
+
+
+LATCHED = QosProfile(depth=1, durability='transient_local')
+
+
+def _latched_bag(directory: Path, publishers: int) -> Path:
+    messages = [('/x' if i % 2 else '/map', i * SECOND, str(i)) for i in range(10)]
+    return write_strings(directory, messages, qos={'/map': [LATCHED] * publishers})
+
+
+@pytest.mark.parametrize(('publishers', 'expected'), [(1, [6]), (3, [2, 4, 6])])
+def test_what_is_latched_at_a_place_is_the_last_message_of_each_publisher(
+    tmp_path: Path, publishers: int, expected: list[int]
+) -> None:
+    with open_bag(_latched_bag(tmp_path / 'bag', publishers)) as bag:
+        found = latched_before(bag, ['/x', '/map'], 7 * SECOND)
+        assert [message.log_time // SECOND for message in found] == expected
+
+
+def test_nothing_is_latched_before_the_first_message(tmp_path: Path) -> None:
+    with open_bag(_latched_bag(tmp_path / 'bag', 1)) as bag:
+        assert latched_before(bag, ['/x', '/map'], bag.start) == []
+
+
+def test_topics_with_large_messages_are_told_apart(tmp_path: Path) -> None:
+    messages = [('/small', 0, 'x'), ('/cloud', 1, 'x' * 10**6), ('/small', 2, 'x')]
+    with open_bag(write_strings(tmp_path / 'bag', messages)) as bag:
+        assert large_topics(bag, ['/small', '/cloud']) == {'/cloud'}
+
+
+def test_a_topic_that_begins_late_in_a_large_bag_counts_as_large(tmp_path: Path) -> None:
+    messages = [('/cloud', i, 'x' * 2**20) for i in range(66)] + [('/late', 100, 'x')]
+    with open_bag(write_strings(tmp_path / 'bag', messages)) as bag:
+        assert large_topics(bag, ['/late', '/cloud']) == {'/late', '/cloud'}
+
+
+def test_a_wish_to_jump_goes_before_the_next_message() -> None:
+    control = Control(Pace(0, now=0.0))
+    control.target = 5 * SECOND
+    assert control.judge(0, now=1.0) == (Verdict.SEEK, 0.0)
+    assert control.place(now=1.0) == 5 * SECOND
+    control.target = None
+    assert control.place(now=1.0) == SECOND

@@ -23,6 +23,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import Trigger
 
 from grasp_replay.bag_reader import open_bag
@@ -31,6 +32,7 @@ from grasp_replay.commands.bag_check import check
 from grasp_replay.qos import QosProfile, qos_text
 
 KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Observer:
@@ -60,6 +62,14 @@ class Observer:
         future = client.call_async(request or kind.Request())
         self.spin_until(future.done)
         return future.result()
+
+    def set_parameter(self, name: str, value: float) -> Any:
+        parameter = Parameter(
+            name=name,
+            value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value),
+        )
+        request = SetParameters.Request(parameters=[parameter])
+        return self.call('/replay/set_parameters', SetParameters, request).results[0]
 
     def close(self) -> None:
         self.executor.shutdown()
@@ -164,20 +174,73 @@ def test_the_rate_is_a_parameter_while_it_runs(
     messages = observer.collect(WrenchStamped, '/w')
     replay = start('replay', bag, '--rate', '0.01', '--wait-for', '/w', '--wait', 20)
 
-    def set_rate(value: float) -> Any:
-        parameter = Parameter(
-            name='rate',
-            value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value),
-        )
-        request = SetParameters.Request(parameters=[parameter])
-        return observer.call('/replay/set_parameters', SetParameters, request).results[0]
-
     observer.spin_until(lambda: messages)
-    assert not set_rate(-1.0).successful
-    assert set_rate(100.0).successful
+    assert not observer.set_parameter('rate', -1.0).successful
+    assert observer.set_parameter('rate', 100.0).successful
     # At the first rate this bag would last 20 minutes.
     observer.spin_until(lambda: replay.process.poll() is not None)
     observer.spin_until(lambda: len(messages) == 3000)
+
+
+def test_the_position_is_a_parameter_and_a_topic(
+    start: Any, observer: Observer, tmp_path: Path
+) -> None:
+    bag = write_wrenches(tmp_path / 'bag', 2501)
+    messages = observer.collect(WrenchStamped, '/w')
+    positions = observer.collect(Float64, '/replay/position')
+    durations = observer.collect(Float64, '/replay/duration', LATCHED)
+    paused = observer.collect(Bool, '/replay/paused', LATCHED)
+    start('replay', bag, '--start-paused', '--wait-for', '/w', '--wait', 20)
+    observer.spin_until(lambda: durations and paused and positions)
+    assert (durations[0].data, paused[-1].data, positions[-1].data) == (10.0, True, 0.0)
+
+    beyond = observer.set_parameter('position_s', 10.5)
+    assert not beyond.successful
+    assert '10.0' in beyond.reason
+    assert observer.set_parameter('position_s', 9.0).successful
+    observer.spin_until(lambda: positions[-1].data == 9.0)
+    assert observer.call('/replay/step').success
+    observer.spin_until(lambda: messages)
+    assert forces(messages) == [2250.0]
+
+    assert observer.call('/replay/resume').success
+    observer.spin_until(lambda: not paused[-1].data and forces(messages)[-1] > 2260.0)
+    assert observer.set_parameter('position_s', 2.0).successful
+    observer.spin_until(lambda: 500.0 in forces(messages))
+    place = forces(messages).index(500.0)
+    assert forces(messages)[:place] == [2250.0 + index for index in range(place)]
+    observer.spin_until(lambda: 2.0 < positions[-1].data < 4.0)
+
+
+def test_small_messages_are_not_lost_while_large_ones_cross(
+    start: Any, observer: Observer, tmp_path: Path
+) -> None:
+    cloud = String(data='x' * 1_000_000)
+    with BagWriter(tmp_path / 'bag', compression='none') as writer:
+        numbers = [
+            writer.add_topic(f'/{name}', kind, qos_text(QosProfile()))
+            for name, kind in (
+                ('w', 'geometry_msgs/msg/WrenchStamped'),
+                ('s', 'std_msgs/msg/String'),
+            )
+        ]
+        for index in range(1000):
+            writer.write(numbers[0], bytes(serialize_message(wrench(index))), index * 4_000_000)
+            if index % 20 == 0:
+                writer.write(numbers[1], bytes(serialize_message(cloud)), index * 4_000_000)
+    best_effort = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+    messages = observer.collect(WrenchStamped, '/w', best_effort)
+    clouds = start('record', '/s', '--output', tmp_path / 'again')
+    replay = start('replay', tmp_path / 'bag', '--wait', 20, '--json')
+    observer.spin_until(lambda: messages)
+    (sender,) = observer.node.get_publishers_info_by_topic('/s')
+    assert sender.node_name == 'replay_large'
+    observer.spin_until(lambda: replay.process.poll() is not None)
+    observer.spin_until(lambda: len(messages) == 1000)
+    assert json.loads(replay.text)['topics'] == {'/s': 50, '/w': 1000}
+    assert clouds.stop() == 0
+    with open_bag(tmp_path / 'again') as bag:
+        assert bag.message_count == 50
 
 
 def test_a_latched_topic_reaches_who_comes_late(
@@ -188,8 +251,7 @@ def test_a_latched_topic_reaches_who_comes_late(
     replay = start('replay', bag, '--wait', 0, '--loop', '--rate', '0.001', '--start-paused')
     observer.call('/replay/step')
     replay.wait_for('nobody listens')
-    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    messages = observer.collect(WrenchStamped, '/w', qos)
+    messages = observer.collect(WrenchStamped, '/w', LATCHED)
     observer.spin_until(lambda: messages)
 
 

@@ -138,16 +138,23 @@ class CondensedSystem:
                 np.full(len(springs), -sprung.stiffness), tangent.gas_stiffness
             ),
         )
-        self.push_fields, self.push_multipliers = self.solve(
-            rows.push, np.zeros((rows.constraints.shape[1], rows.contacts))
+        elastic = tangent.gradient + tangent.gas_pressure * tangent.gas_row
+        loads = np.concatenate([rows.push, -elastic[:, None]], axis=1)
+        fields, multipliers = self.solve(loads, np.zeros((rows.constraints.shape[1], 1)))
+        self.push_fields, self._modulus_field = np.split(fields, [rows.contacts], axis=1)
+        self.push_multipliers, self._modulus_multipliers = np.split(
+            multipliers, [rows.contacts], axis=1
         )
         self.compliance = rows.measure.T @ self.push_fields
 
     def solve(self, loads: Array, prescribed: Array) -> tuple[Array, Array]:
-        """Motion (N,) or (N, m) and constraint multipliers for loads and constraint values."""
+        """Motion (N,) or (N, m) and constraint multipliers for loads and constraint values.
+
+        Unrefined: eight digits are plenty for iterations that correct themselves and for columns.
+        """
         if loads.ndim == 2 and loads.shape[1] == 0:
             return loads, prescribed
-        return self._bordered.solve(loads, prescribed)
+        return self._bordered.solve(loads, prescribed, refinements=0)
 
     @property
     def negative_modes(self) -> int:
@@ -164,21 +171,21 @@ class CondensedSystem:
         taken = int(np.sum(np.linalg.eigvalsh(0.5 * (block + block.T)) < 0)) if len(block) else 0
         return max(0, self.negative_modes - taken)
 
-    def condense(self, elastic_force: Array) -> Condensed:
-        """Columns of all inputs; `elastic_force` (N,): elastic part of the gradient [N]."""
+    def condense(self) -> Condensed:
+        """Columns of all inputs."""
         rows = self.rows
         count = rows.contacts
         constraints = rows.constraints.shape[1]
         prescribed = np.concatenate(
             [rows.lateral_columns, np.arange(HELD_ROWS * count, constraints)]
         )
-        loads = np.zeros((len(elastic_force), len(prescribed) + 1))
-        loads[:, -1] = -elastic_force
-        below = np.zeros((constraints, len(prescribed) + 1))
+        below = np.zeros((constraints, len(prescribed)))
         below[prescribed, np.arange(len(prescribed))] = 1.0
-        fields, multipliers = self.solve(loads, below)
-        fields = np.concatenate([self.push_fields, fields], axis=1)
-        multipliers = np.concatenate([self.push_multipliers, multipliers], axis=1)
+        fields, multipliers = self.solve(np.zeros((len(self.push_fields), len(prescribed))), below)
+        fields = np.concatenate([self.push_fields, fields, self._modulus_field], axis=1)
+        multipliers = np.concatenate(
+            [self.push_multipliers, multipliers, self._modulus_multipliers], axis=1
+        )
         return Condensed(
             fields=fields,
             displacement=rows.measure.T @ fields,

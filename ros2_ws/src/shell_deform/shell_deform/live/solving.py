@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 SMALLEST_STEP = 0.02
 """Steps below this share of the wall thickness say nothing about the second order."""
 
+LIVE = TrackingOptions(step=4e-3)
+"""What is left of the last chord step, a tenth or so, the Newton step of the columns takes away."""
+
 STILL = 1e-3
 """A state that moved less than this share of the wall thickness keeps its columns."""
 
@@ -35,7 +38,7 @@ class LiveSolver:
 
     def __init__(self, model: ShellModel, options: TrackingOptions | None = None) -> None:
         self.model = model
-        self.tracker = EquilibriumTracker(model, options)
+        self.tracker = EquilibriumTracker(model, options or LIVE)
         self.contacts = ContactTracker(model)
         self._wall = float(model.shell.thickness.mean())
         self._energy_density = EnergyDensity(model)
@@ -118,18 +121,16 @@ class LiveSolver:
     def refine(self) -> bool:
         """Take the columns at the present state; False if those at hand are good enough."""
         tracker = self.tracker
-        moved = tracker.state.moved
         if (
             self._condensed is not None
-            and len(self._condensed_at) == len(moved)
-            and np.abs(moved - self._condensed_at).max() < STILL * self._wall
+            and np.abs(tracker.state.moved - self._condensed_at).max() < STILL * self._wall
         ):
             return False
         old, old_columns, old_state = self._condensed, self._limit_columns, self._condensed_at
         old_inputs = self._inputs_at
         self._condensed = tracker.condense()
         self._limit_columns = self._to_limit(self._condensed.fields)
-        self._condensed_at = moved
+        self._condensed_at = tracker.state.moved
         self._inputs_at = self._inputs()
         if old is not None and old_columns is not None and old_inputs is not None:
             self._update_bend(old, old_columns, old_state, self._inputs_at - old_inputs)

@@ -8,7 +8,7 @@ a part of it is reached.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +53,7 @@ class State:
 
     Attributes:
         moved: (N,) displacement of the control points. force: (k,) pushes [N].
-        multipliers: (3 k + r,) of the constraints. energy: [J].
+        multipliers: (3 k + r,) of the constraints. energy: [J]. gradient: (N,) its derivative [N].
         residual: unbalanced force relative to the loads.
     """
 
@@ -61,6 +61,7 @@ class State:
     force: Array
     multipliers: Array
     energy: float
+    gradient: Array
     residual: float
 
 
@@ -109,8 +110,10 @@ class EquilibriumTracker:
         """Back to the undeformed state without contacts."""
         size = 3 * len(self.model.rest)
         empty = np.zeros(0)
-        self.state = State(np.zeros(size), empty, empty, 0.0, 0.0)
+        energy, gradient = self.model.gradient(self.model.rest)
+        self.state = State(np.zeros(size), empty, empty, energy, gradient, 0.0)
         self.rows: ContactRows | None = None
+        self._target: Target | None = None
         self._fresh = False
         self._tangent = None
         self._system = None
@@ -124,13 +127,10 @@ class EquilibriumTracker:
         """Continue from the present shape with another set of contacts and these pushes [N]."""
         self.rows = rows
         count = rows.constraints.shape[1]
-        self.state = State(
-            self.state.moved,
-            np.asarray(force, float),
-            np.zeros(count),
-            self.state.energy,
-            self.state.residual,
+        self.state = replace(
+            self.state, force=np.asarray(force, float), multipliers=np.zeros(count)
         )
+        self._target = None
         self._system = None
 
     def forget_tangent(self) -> None:
@@ -175,12 +175,33 @@ class EquilibriumTracker:
         self._system = CondensedSystem(self._factor, self._tangent, self._rows())
 
     def condense(self) -> Condensed:
-        """Columns about the present state, from a tangent taken exactly there."""
+        """Columns about the present state, from a tangent taken there.
+
+        The new factor also takes the Newton step that the chord iterations left over.
+        """
         self._renew()
         system = self.system()
-        tangent = self._tangent
+        if self._target is not None:
+            self._polish(self._target)
+        return system.condense()
+
+    def _polish(self, target: Target) -> None:
+        """One Newton step, if it is as short as the iterations promised."""
+        state, tangent = self.state, self._tangent
         assert tangent is not None
-        return system.condense(tangent.gradient + tangent.gas_pressure * tangent.gas_row)
+        step, multipliers, force = self._step(target, state, np.zeros(len(state.moved)))
+        if not np.abs(step).max() < self.options.step * self._wall:
+            return
+        change = tangent.stiffness @ step
+        change += tangent.gas_stiffness * tangent.gas_row * (tangent.gas_row @ step)
+        self.state = replace(
+            state,
+            moved=state.moved + step,
+            force=force,
+            multipliers=multipliers,
+            energy=state.energy + float((state.gradient + 0.5 * change) @ step),
+            gradient=state.gradient + change,
+        )
 
     def advance(self, target: Target) -> float:
         """Go towards `target` by as few steps as converge; returns the share that was reached.
@@ -195,9 +216,11 @@ class EquilibriumTracker:
         self.message = ''
         while reached < 1.0:
             trial = min(1.0, reached + step)
-            found = self._iterate(_between(start, target, trial), (1.0 - trial) * loose)
+            goal = _between(start, target, trial)
+            found = self._iterate(goal, (1.0 - trial) * loose)
             if found is not None:
                 self.state = found
+                self._target = goal if trial == 1.0 else None
                 self._fresh = False
                 reached = trial
                 step *= 1.5
@@ -226,34 +249,37 @@ class EquilibriumTracker:
         A contact that left has taken its push and its grip with it: both are let go in steps.
         """
         rows, state = self._rows(), self.state
-        _, gradient = self.model.gradient(self.positions)
-        return gradient - rows.push @ state.force + rows.constraints @ state.multipliers
+        return state.gradient - rows.push @ state.force + rows.constraints @ state.multipliers
+
+    def _step(self, target: Target, state: State, extra: Array) -> tuple[Array, Array, Array]:
+        """Newton step (N,) from `state` by the tangent at hand, new multipliers and pushes."""
+        rows, system, driven = self._rows(), self.system(), target.driven
+        prescribed = np.concatenate([target.held, target.rigid])
+        force = np.where(driven, state.force, target.force)
+        step, multipliers = system.solve(
+            rows.push @ force + extra - state.gradient,
+            prescribed - rows.constraints.T @ state.moved,
+        )
+        if driven.any():
+            missing = (target.displacement - rows.measure.T @ (state.moved + step))[driven]
+            more = np.zeros(len(force))
+            more[driven] = np.linalg.lstsq(
+                system.compliance[np.ix_(driven, driven)], missing, rcond=None
+            )[0]
+            step = step + system.push_fields @ more
+            multipliers = multipliers + system.push_multipliers @ more
+            force = force + more
+        return step, multipliers, force
 
     def _iterate(self, target: Target, extra: Array) -> State | None:
         """The state under `target` and dead nodal forces `extra` (N,), or None.
 
         Chord iterations on the tangent at hand; where they contract too slowly, a new tangent.
         """
-        options, rows, system = self.options, self._rows(), self.system()
-        constraints, driven = rows.constraints, target.driven
-        prescribed = np.concatenate([target.held, target.rigid])
-        force = np.where(driven, self.state.force, target.force)
-        moved = self.state.moved
-        _, gradient = self.model.gradient(self.positions)
+        options, rows, state = self.options, self._rows(), self.state
         before, tangents = np.inf, options.tangents_per_step
         for _ in range(options.iterations):
-            step, multipliers = system.solve(
-                rows.push @ force + extra - gradient, prescribed - constraints.T @ moved
-            )
-            if driven.any():
-                missing = (target.displacement - rows.measure.T @ (moved + step))[driven]
-                more = np.zeros(len(force))
-                more[driven] = np.linalg.lstsq(
-                    system.compliance[np.ix_(driven, driven)], missing, rcond=None
-                )[0]
-                step = step + system.push_fields @ more
-                multipliers = multipliers + system.push_multipliers @ more
-                force = force + more
+            step, multipliers, force = self._step(target, state, extra)
             self.iterations += 1
             largest = float(np.abs(step).max(initial=0.0))
             if not largest < options.largest_move * self._wall:
@@ -263,10 +289,10 @@ class EquilibriumTracker:
             if slow and (largest > 2.0 * before or tangents == 0 or self._budget <= 0):
                 self.message = 'the iterations did not converge'
                 return None
-            moved = moved + step
+            moved = state.moved + step
             positions = self.model.rest + moved.reshape(-1, 3)
             energy, gradient = self.model.gradient(positions)
-            held, carried = constraints @ multipliers, rows.push @ force
+            held, carried = rows.constraints @ multipliers, rows.push @ force
             scale = max(
                 float(np.linalg.norm(carried)), float(np.linalg.norm(held)), self._noise_force
             )
@@ -274,15 +300,16 @@ class EquilibriumTracker:
             if not np.isfinite(residual):
                 self.message = 'the surface folded onto itself'
                 return None
+            state = State(moved, force, multipliers, energy, gradient, residual)
             if residual < options.residual or largest < options.step * self._wall:
-                return State(moved, force, multipliers, energy, residual)
+                return state
             before = largest
             if slow:
                 tangents -= 1
                 self._budget -= 1
                 self._fresh, self._tangent = False, None
                 self._linearise(positions)
-                system, before = self.system(), np.inf
+                before = np.inf
         self.message = 'the iterations did not converge'
         return None
 

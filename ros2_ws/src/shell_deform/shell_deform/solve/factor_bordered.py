@@ -100,11 +100,15 @@ class BorderedFactor:
         )
 
     def solve(
-        self, rhs: ArrayLike, border_rhs: ArrayLike | None = None
+        self,
+        rhs: ArrayLike,
+        border_rhs: ArrayLike | None = None,
+        refinements: int = REFINEMENTS,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """x and multipliers m with (K + V c V^T) x + C m = f, C^T x + D m = g, refined.
+        """x and multipliers m with (K + V c V^T) x + C m = f, C^T x + D m = g.
 
         f (N,) or (N, r); g (k,) or (k, r), default 0; x and m come in the same shapes.
+        `refinements`: at most so many steps of iterative refinement, as long as they gain.
         Raises SingularMatrixError when the bordered system is singular.
         """
         load = np.asarray(rhs, dtype=np.float64)
@@ -130,7 +134,7 @@ class BorderedFactor:
             )
         x, m = self._solve_once(f, g)
         smallest = np.inf
-        for _ in range(REFINEMENTS):
+        for _ in range(refinements):
             rest, border_rest, error = self._residual(f, g, x, m)
             if error <= REFINED or not error < 0.5 * smallest:
                 break
@@ -143,7 +147,10 @@ class BorderedFactor:
         self, f: NDArray[np.float64], g: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Block elimination without refinement."""
-        strong, along = self.factor.partial_solve(f)
+        strong, along = np.zeros_like(f), np.zeros((self.factor.weak_modes.shape[1], f.shape[1]))
+        loaded = np.any(f, axis=0)
+        if loaded.any():
+            strong[:, loaded], along[:, loaded] = self.factor.partial_solve(f[:, loaded])
         right = np.vstack([g - self._columns.T @ strong, along]) * self._scale[:, None]
         small = self._vectors @ ((self._vectors.T @ right) / self._values[:, None])
         small *= self._scale[:, None]

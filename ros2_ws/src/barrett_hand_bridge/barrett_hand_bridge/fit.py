@@ -13,6 +13,8 @@ from barrett_hand_bridge.calibration import CalibrationError, GaugeCalibration
 from barrett_hand_bridge.hand import FINGERS
 from barrett_hand_bridge.kinematics import GRAVITY_M_PER_S2, Array
 
+# What weight of the link, drift and temperature may add to an unloaded gauge (N m).
+UNLOADED_NM = 0.1
 HEADER = 'finger,mass_kg,arm_m,counts,noise_counts'
 
 
@@ -135,7 +137,7 @@ def fit_gauge(
     residuals = [law.law(w.counts) - w.torque_nm for w in weighings]
     if law.slope(reference, reference) <= 0.0:
         raise CalibrationError('torque falls with rising counts: check the signs of the masses')
-    wide = 0.25 * span
+    wide = UNLOADED_NM / law.slope(reference, reference)
     gauge = GaugeCalibration(
         kind=kind,
         coefficients_nm=coefficients,

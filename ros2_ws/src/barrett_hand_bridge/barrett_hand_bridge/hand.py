@@ -19,6 +19,10 @@ class HandNotInitialisedError(HandError):
     """The hand answers but its motors have not found their zero yet."""
 
 
+class HandDisturbedError(HandError):
+    """One cycle failed, but the hand has been found again and is as it was."""
+
+
 @dataclass(frozen=True)
 class EncoderScale:
     """Radians of joint travel per encoder count (BH8-262 manual for firmware 4.4, page 77)."""
@@ -50,7 +54,8 @@ class HandSample:
     `stamp_ns` is the time of the first byte (or frame) of the answer. Motor positions in encoder
     counts; `gauge_counts` None where no gauge is fitted. `inner_rad` comes from inner-link
     encoders where the hand has them; `breakaway_counts` is the motor position at which a finger's
-    clutch let go, None while it holds. `relieving`: the finger drives itself back to protect its
+    clutch let go, None while it holds. `strain_limits`: HSG, the reading at which the hand itself
+    acts, None where there is none. `relieving`: the finger drives itself back to protect its
     gauge. `tactile_n_per_cm2`: 24 cells per finger (and 4 = palm).
     """
 
@@ -61,6 +66,7 @@ class HandSample:
     breakaway_counts: tuple[int | None, int | None, int | None] = (None, None, None)
     inner_rad: tuple[float | None, float | None, float | None] = (None, None, None)
     temperature_c: float | None = None
+    strain_limits: tuple[int | None, int | None, int | None] = (None, None, None)
     relieving: tuple[bool, bool, bool] = (False, False, False)
     tactile_n_per_cm2: Mapping[int, tuple[float, ...]] | None = None
 

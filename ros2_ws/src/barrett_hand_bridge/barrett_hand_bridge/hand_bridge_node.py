@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-import asyncio
 import sys
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future
 from typing import Any
 
 import rclpy
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
 
 from barrett_hand_bridge import assembly, messages, parameters
 from barrett_hand_bridge.arm_pose_node import ArmPose
 from barrett_hand_bridge.calibration import CalibrationError, HandCalibration
-from barrett_hand_bridge.hand import FINGERS, HandError, HandFacts, HandSample
+from barrett_hand_bridge.hand import HandError, HandFacts, HandSample
+from barrett_hand_bridge.hand_services_node import HandServices
 from barrett_hand_bridge.hand_topics_node import HandTopics
 from barrett_hand_bridge.health import Health, LinkState
 from barrett_hand_bridge.kinematics import Array
-from barrett_hand_bridge.motion import Closing, Following, MotionError, Opening
 from barrett_hand_bridge.observer import HandObserver, Observation
 from barrett_hand_bridge.own_emulator import OwnEmulator
 from barrett_hand_bridge.parameters import ParameterError
@@ -42,8 +39,6 @@ from barrett_hand_bridge.worker import (
     Observed,
     Outcome,
 )
-
-PAUSE_S = 0.0005
 
 
 class HandBridge(LifecycleNode):
@@ -98,46 +93,28 @@ class HandBridge(LifecycleNode):
             return TransitionCallbackReturn.FAILURE
         self._values = values
         self._health = Health(calibration=self._calibration)
-        self._make_interfaces()
         self._worker = HandWorker(
             hand,
             self._make_observer,
             self._tell,
-            strain_limit_nm=values['torque_limit'],
             paced_by_ticks=values['poll_period'] > 0.0,
         )
+        self._make_interfaces(self._worker)
         self._worker.start()
         return TransitionCallbackReturn.SUCCESS
 
-    def _make_interfaces(self) -> None:
+    def _make_interfaces(self, worker: HandWorker) -> None:
         self._topics = HandTopics(self, self._values)
+        self._hand_services = HandServices(
+            self, worker, self._health, values=self.values, active=lambda: self._active
+        )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics_timer = self.create_timer(1.0, self._on_diagnostics, clock=steady)
-        services: dict[str, Callable[[], Awaitable[Outcome]]] = {
-            'tare': lambda: self._ask('tare'),
-            'initialize': lambda: self._ask('initialize'),
-            'stop': lambda: self._ask('stop'),
-            'open': self._open,
-            'close': self._close,
-        }
-        # A waiting service holds its callback group: reentrant, or it would block everything else.
-        group = ReentrantCallbackGroup()
-        self._hand_services = [
-            self.create_service(Trigger, f'hand/{name}', _trigger(action), callback_group=group)
-            for name, action in services.items()
-        ]
-        self._trajectories = self.create_subscription(
-            JointTrajectory, 'hand/joint_trajectory', self._on_trajectory, 10
-        )
         if self._values['arm'] != 'none':
             self._arm = ArmPose(self, self._values, self._on_gravity)
         self._poll_timer = None
         if self._values['poll_period'] > 0.0:
-            self._poll_timer = self.create_timer(self._values['poll_period'], self._tick)
-
-    def _tick(self) -> None:
-        if self._worker is not None:
-            self._worker.tick()
+            self._poll_timer = self.create_timer(self._values['poll_period'], worker.tick)
 
     def _on_gravity(self, direction: Array) -> None:
         if self._worker is not None and self._worker.observer is not None:
@@ -159,9 +136,7 @@ class HandBridge(LifecycleNode):
         """Let go of the hand and of all topics."""
         self._release()
         self._topics.end()
-        for service in self._hand_services:
-            self.destroy_service(service)
-        self.destroy_subscription(self._trajectories)
+        self._hand_services.end()
         arm, self._arm = self._arm, None
         if arm is not None:
             arm.end()
@@ -285,7 +260,7 @@ class HandBridge(LifecycleNode):
     def _on_observed(self, event: Observed) -> None:
         self._latest, self._sample = event.observation, event.sample
         self._set_state(LinkState.CYCLING, '')
-        self._health.rate.count(event.complete_ns * 1e-9)
+        self._health.take(event.sample, event.complete_ns * 1e-9)
         if not self._active:
             return
         self._topics.contacts(event.observation)
@@ -297,70 +272,13 @@ class HandBridge(LifecycleNode):
         if self._latest is not None and self._active:
             self._topics.stale(self._latest, self._now_ns())
 
-    async def _finish(self, future: Future[Outcome]) -> Outcome:
-        while not future.done():
-            # An executor with an unfinished task spins without waiting; this keeps it gentle.
-            time.sleep(PAUSE_S)
-            await asyncio.sleep(0)
-        return future.result()
-
-    async def _ask(self, kind: str, motion: Any = None) -> Outcome:
-        if self._worker is None:
-            return Outcome(False, 'the bridge is not configured')
-        if kind == 'move' and not self._active:
-            return Outcome(False, 'the bridge is not active: nothing moves')
-        outcome = await self._finish(self._worker.submit(kind, motion))
-        if kind in ('move', 'initialize', 'stop'):
-            self._health.last_motion = outcome.message
-        return outcome
-
-    async def _open(self) -> Outcome:
-        speed = float(self.get_parameter('open_speed').value)
-        return await self._ask('move', Opening(FINGERS, speed))
-
-    async def _close(self) -> Outcome:
-        values = self.values()
-        fingers = tuple(values['close_fingers'])
-        return await self._ask('move', Closing(fingers, assembly.close_settings(values)))
-
-    def _on_trajectory(self, message: JointTrajectory) -> None:
-        if self.executor is not None:
-            self.executor.create_task(self._follow, message)
-
-    async def _follow(self, message: JointTrajectory) -> None:
-        values = self.values()
-        try:
-            motion = Following(
-                messages.trajectory_points(message, values['joint_names']),
-                fastest_rad_s=values['open_speed'],
-                torque_limit_nm=values['torque_limit'],
-            )
-        except MotionError as error:
-            self.get_logger().error(f'hand/joint_trajectory: {error}')
-            self._health.last_motion = str(error)
-            return
-        outcome = await self._ask('move', motion)
-        log = self.get_logger().info if outcome.success else self.get_logger().error
-        log(f'hand/joint_trajectory: {outcome.message}')
-
     def _on_diagnostics(self) -> None:
         health = self._health
         observer = None if self._worker is None else self._worker.observer
-        level, text = health.judge(self._latest, self._sample)
-        values = health.values(self._latest, self._sample, observer, time.monotonic())
+        now_s = time.monotonic()
+        level, text = health.judge(self._latest, self._sample, now_s)
+        values = health.values(self._latest, self._sample, observer, now_s)
         self._topics.diagnostics(level, text, values, health.facts, self._now_ns())
-
-
-def _trigger(
-    action: Callable[[], Awaitable[Outcome]],
-) -> Callable[[Trigger.Request, Trigger.Response], Awaitable[Trigger.Response]]:
-    async def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        outcome = await action()
-        response.success = bool(outcome.success)
-        response.message = outcome.message
-        return response
-
-    return answer
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -369,7 +287,12 @@ def main(arguments: list[str] | None = None) -> int:
         print(parameters.usage())
         return 0
     rclpy.init(args=arguments)
-    node = HandBridge()
+    try:
+        node = HandBridge()
+    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+        print(f'hand_bridge: {error}', file=sys.stderr)
+        rclpy.try_shutdown()
+        return 1
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:

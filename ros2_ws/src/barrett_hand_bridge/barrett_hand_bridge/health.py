@@ -14,11 +14,13 @@ from barrett_hand_bridge.contacts import (
     FLAG_NOT_TARED,
     FLAG_SATURATED,
 )
-from barrett_hand_bridge.hand import HandFacts, HandSample
+from barrett_hand_bridge.hand import FINGERS, HandFacts, HandSample
 from barrett_hand_bridge.observer import HandObserver, Observation
 from barrett_hand_bridge.statistics import Delays, Rate
 
 HOT_C = 56.0
+# A finger gives way for some hundredths of a second: it is told for longer than that.
+RELIEF_SHOWN_S = 5.0
 
 
 class Level(Enum):
@@ -53,19 +55,31 @@ class Health:
     calibration: HandCalibration | None = None
     rate: Rate = field(default_factory=Rate)
     delays: Delays = field(default_factory=Delays)
+    reliefs: dict[int, int] = field(default_factory=lambda: dict.fromkeys(FINGERS, 0))
+    _relieving: tuple[bool, bool, bool] = (False, False, False)
+    _relieved_s: dict[int, float] = field(default_factory=dict)
+
+    def take(self, sample: HandSample, time_s: float) -> None:
+        """Count a cycle, and the fingers that begin to give way by themselves in it."""
+        self.rate.count(time_s)
+        for index, finger in enumerate(FINGERS):
+            if sample.relieving[index]:
+                self._relieved_s[finger] = time_s
+                self.reliefs[finger] += not self._relieving[index]
+        self._relieving = sample.relieving
 
     def judge(
-        self, observation: Observation | None, sample: HandSample | None
+        self, observation: Observation | None, sample: HandSample | None, time_s: float
     ) -> tuple[Level, str]:
-        """Level and sentence."""
+        """Level and sentence at a time (that of `take`)."""
         if self.state in (LinkState.NO_HAND, LinkState.LOST):
             return Level.ERROR, self.reason or 'no hand yet'
         if self.state is LinkState.NOT_INITIALISED:
             return Level.WARN, self.reason
         if observation is None or sample is None:
             return Level.STALE, 'no cycle yet'
-        for index, finger in enumerate((1, 2, 3)):
-            if sample.relieving[index]:
+        for finger, relieved_s in self._relieved_s.items():
+            if time_s - relieved_s < RELIEF_SHOWN_S:
                 return (
                     Level.ERROR,
                     f'finger {finger} protects its gauge and gives way by itself',
@@ -100,6 +114,13 @@ class Health:
             values['calibration'] = self.calibration.source
         if sample is not None and sample.temperature_c is not None:
             values['temperature (degrees Celsius)'] = f'{sample.temperature_c:.1f}'
+        for finger, times in self.reliefs.items():
+            if times:
+                values[f'finger {finger} gave way by itself (times)'] = str(times)
+        if sample is not None:
+            for finger, limit in zip(FINGERS, sample.strain_limits, strict=True):
+                shown = 'none' if limit is None else str(limit)
+                values[f'finger {finger} strain limit HSG (counts)'] = shown
         if observation is not None:
             values |= _finger_values(observation, observer)
         return values

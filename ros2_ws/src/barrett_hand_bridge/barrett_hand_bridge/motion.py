@@ -158,7 +158,8 @@ class Closing:
     def limit_nm(self, observation: Observation) -> float:
         """See `Motion`: a little above the wanted force, should this process be late."""
         arm = max(observation.fingers[finger].arm_m for finger in self._fingers)
-        return LIMIT_OVER_FORCE * self._settings.force_n * max(arm, 0.0) + WEIGHT_NM
+        wanted = LIMIT_OVER_FORCE * self._settings.force_n * max(arm, 0.0) + WEIGHT_NM
+        return min(wanted, self._settings.torque_limit_nm)
 
 
 @dataclass(frozen=True)

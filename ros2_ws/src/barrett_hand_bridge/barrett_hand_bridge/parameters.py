@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from barrett_hand_bridge.arm import ArmError, pose_from_numbers
+from barrett_hand_bridge.gcl.realtime import FEEDBACK
+
 Value = bool | int | float | str | list[float] | list[int] | list[str]
 
 
@@ -161,7 +164,13 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter('tendon_sigma', 0.004, 'its standard deviation (rad per N m)', 0.0, 0.2),
     Parameter('follow_drift', True, 'follow the gauge zeros while the fingers are free'),
     Parameter('servo_sample_time', 0.01, 'servo sample of the BH8-262 (s)', 0.001, 0.1),
-    Parameter('breakaway_feedback', False, 'ask for breakaway positions (firmware 4.4 on)'),
+    Parameter(
+        'feedback',
+        ['strain', 'position'],
+        'what a RealTime block of the BH8-262 brings: strain, position or delta (its change, one '
+        'byte less per motor), breakaway (positions, firmware 4.4 on), temperature',
+        choices=FEEDBACK,
+    ),
     Parameter(
         'arm',
         'none',
@@ -187,7 +196,6 @@ PARAMETERS: tuple[Parameter, ...] = (
         2.0,
         length=7,
     ),
-    Parameter('temperature_feedback', False, 'ask for the temperature in every block'),
     Parameter('close_fingers', [1, 2], 'fingers that hand/close closes', 1, 3),
     Parameter('close_force', 5.0, 'force at which hand/close stops (N)', 0.1, 25.0, live=True),
     Parameter('torque_limit', 1.0, 'torque that ends any motion (N m)', 0.01, 1.5, live=True),
@@ -208,9 +216,10 @@ def check(name: str, value: Any) -> None:
     values = value if isinstance(value, (list, tuple)) or hasattr(value, 'typecode') else [value]
     if parameter.length is not None and len(values) != parameter.length:
         raise ParameterError(f'parameter {name}: {len(values)} values, needs {parameter.length}')
-    if parameter.choices and value not in parameter.choices:
-        allowed = ', '.join(parameter.choices)
-        raise ParameterError(f'parameter {name} is {value!r}, must be one of {allowed}')
+    for word in values if parameter.choices else ():
+        if word not in parameter.choices:
+            allowed = ', '.join(parameter.choices)
+            raise ParameterError(f'parameter {name} is {word!r}, must be one of {allowed}')
     for number in values:
         if isinstance(number, (bool, str)):
             continue
@@ -232,6 +241,10 @@ def check_all(values: Mapping[str, Any]) -> None:
     size = math.sqrt(sum(g * g for g in gravity))
     if size > 1e-9 and abs(size - 1.0) > 1e-3:
         raise ParameterError(f'parameter gravity has length {size:.4f}, must be 1 (or all zeros)')
+    try:
+        pose_from_numbers(values['hand_mount'])
+    except ArmError as error:
+        raise ParameterError(f'parameter hand_mount: {error}') from error
     opposed = list(values['opposed_fingers'])
     if opposed != [0] and (len(opposed) != 2 or opposed[0] == opposed[1] or 0 in opposed):
         raise ParameterError(
@@ -252,6 +265,24 @@ def usage() -> str:
         lines.append(f'  {parameter.name} (default {parameter.default!r})')
         lines.append(f'      {parameter.description}{_limits(parameter)}')
     return '\n'.join(lines)
+
+
+def table() -> str:
+    """The parameters as the table of the README (Markdown)."""
+    lines = ['| name | default | meaning |', '|---|---|---|']
+    for parameter in PARAMETERS:
+        meaning = parameter.description + _limits(parameter)
+        live = '; may change while running' if parameter.live else ''
+        lines.append(f'| `{parameter.name}` | {_shown(parameter.default)} | {meaning}{live} |')
+    return '\n'.join(lines)
+
+
+def _shown(value: Value) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return f'[{", ".join(_shown(one) for one in value)}]'
+    return f'{value:g}' if isinstance(value, float) else str(value) or '(empty)'
 
 
 def _limits(parameter: Parameter) -> str:

@@ -51,9 +51,10 @@ def take_zero(
     `expected` holds earlier zeros, moved to the present pose; a reading far from one means load.
     """
     zeros: dict[int, Zero] = {}
+    if _moves([sample.spread_counts for sample in samples]):
+        return TareOutcome({}, 'the spread is moving: stop the hand, then tare')
     for index, finger in enumerate(FINGERS):
-        positions = [sample.finger_counts[index] for sample in samples]
-        if max(positions) - min(positions) > STILL_COUNTS:
+        if _moves([sample.finger_counts[index] for sample in samples]):
             return TareOutcome({}, f'finger {finger} is moving: stop the hand, then tare')
         readings = [sample.gauge_counts[index] for sample in samples]
         present = [reading for reading in readings if reading is not None]
@@ -84,3 +85,7 @@ def take_zero(
     if not zeros:
         return TareOutcome({}, 'no finger has a gauge to tare')
     return TareOutcome(zeros)
+
+
+def _moves(positions: list[int]) -> bool:
+    return max(positions) - min(positions) > STILL_COUNTS

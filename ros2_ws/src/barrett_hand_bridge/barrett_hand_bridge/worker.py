@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 from barrett_hand_bridge.hand import (
     Hand,
+    HandDisturbedError,
     HandError,
     HandFacts,
     HandNotInitialisedError,
@@ -29,6 +30,8 @@ FIRST_WAIT_S = 0.1
 LONGEST_WAIT_S = 5.0
 NOT_READY_PERIOD_S = 0.25
 COMMAND_PERIOD_S = 0.02
+# So many cycles in a row may be disturbed before the link counts as lost.
+MOST_DISTURBANCES = 3
 
 
 @dataclass(frozen=True)
@@ -101,17 +104,12 @@ class HandWorker:
         make_observer: Callable[[HandFacts], HandObserver],
         tell: Callable[[Event], None],
         *,
-        strain_limit_nm: float,
         paced_by_ticks: bool = False,
     ) -> None:
-        """With `paced_by_ticks` each cycle waits for a call of `tick`; otherwise it runs free.
-
-        `strain_limit_nm`, or a motion's own lower limit, is set in the hand before every motion.
-        """
+        """With `paced_by_ticks` each cycle waits for a call of `tick`; otherwise it runs free."""
         self._hand = hand
         self._make_observer = make_observer
         self._tell = tell
-        self._strain_limit_nm = strain_limit_nm
         # One tick at most waits: those that come during an initialisation are no backlog.
         self._ticks = threading.Event() if paced_by_ticks else None
         self._commands: queue.SimpleQueue[_Command] = queue.SimpleQueue()
@@ -242,7 +240,7 @@ class HandWorker:
         self._tare_samples.clear()
         self._latest = None
         self._failures += 1
-        if self._failures < 3 and 'resynchronised' in str(error):
+        if isinstance(error, HandDisturbedError) and self._failures < MOST_DISTURBANCES:
             self._tell(Disturbed(str(error)))
             return
         self._facts = None
@@ -305,7 +303,7 @@ class HandWorker:
             return
         assert self._observer is not None
         assert command.motion is not None
-        limit_nm = min(self._strain_limit_nm, command.motion.limit_nm(self._latest))
+        limit_nm = command.motion.limit_nm(self._latest)
         self._hand.limit_force(self._observer.strain_limits(limit_nm))
         self._motion = command
 

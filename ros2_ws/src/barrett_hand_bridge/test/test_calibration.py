@@ -162,6 +162,23 @@ def test_hand_calibrate_writes_file_plot_and_one_json_document(tmp_path, capsys)
     assert read_calibration(out).fingers[3].kind == 'cubic'
 
 
+def test_a_picture_of_an_unknown_kind_is_refused_with_one_sentence(tmp_path, capsys):
+    table = tmp_path / 'weights.csv'
+    table.write_text('\n'.join(weighing_table(HandMechanics(HandBody(), 5), 5)))
+    out = tmp_path / 'hand.yaml'
+    arguments = [str(table), '--out', str(out), '--plot', str(tmp_path / 'fit.xyz')]
+    assert hand_calibrate.main(arguments) == 1
+    assert 'fit.xyz' in capsys.readouterr().err
+
+
+def test_an_unloaded_gauge_may_read_what_a_tenth_of_a_newton_metre_gives(tmp_path):
+    for scale in (0.5, 1.0):
+        # Half the weights, the same gauge: the band does not depend on the heaviest one.
+        weighings = [Weighing(t, 120.0 + 100.0 * t, 0.5) for t in scale * np.linspace(0, 1, 11)]
+        low, high = fit_gauge(weighings).gauge.no_load_counts
+        assert (low, high) == pytest.approx((110.0, 130.0), abs=0.1)
+
+
 def test_hand_calibrate_prints_every_residual(tmp_path, capsys):
     table = tmp_path / 'weights.csv'
     table.write_text('\n'.join(weighing_table(HandMechanics(HandBody(), 5), 5)))

@@ -1,6 +1,7 @@
 """The CAN driver and the emulated pucks over an in-process bus: set-up, cycles, trouble."""
 
 import itertools
+import math
 
 import can
 import pytest
@@ -20,7 +21,7 @@ channels = (f'hand_{number}' for number in itertools.count())
 @pytest.fixture
 def quick(monkeypatch):
     monkeypatch.setattr(driver, 'WAKE_SILENCE_S', 0.02)
-    monkeypatch.setattr(driver, 'PATIENCE_S', 3.0)
+    monkeypatch.setattr(driver, 'RETRIES_S', (0.5, 3.0))
 
 
 @pytest.fixture
@@ -38,6 +39,7 @@ def bench(quick):
         )
         port.start()
         hand = CanHand(lambda: open_bus('virtual', channel), **options)
+        hand.strike = port.faults.strike
         started.append((hand, port))
         return hand, emulated
 
@@ -151,6 +153,42 @@ def test_lost_frames_are_noticed_and_named(bench):
     assert late
     with pytest.raises(HandNotInitialisedError):
         hand.sample(None)
+
+
+@pytest.mark.parametrize('kind', ['drop', 'garble'])
+def test_a_lost_or_changed_frame_is_asked_for_again(bench, kind):
+    hand, emulated = bench(faults=[Fault(kind, math.inf, 2)])
+    hand.connect()
+    hand.initialize()
+    late = []
+    hand.late = lambda: late.append(1)
+    hand.sample(None)
+    emulated.mechanics.place({1: 50_000.0})
+    hand.strike()
+    samples = [hand.sample(None) for _ in range(5)]
+    assert late
+    # Nothing of the doubled answers is left for later cycles.
+    emulated.mechanics.place({1: 60_000.0})
+    samples = [hand.sample(None) for _ in range(2)]
+    assert samples[-1].finger_counts[0] == 60_000
+
+
+def test_a_finger_above_its_strain_limit_is_seen_to_give_way(bench):
+    hand, emulated = bench(prefetch=False)
+    hand.connect()
+    hand.initialize()
+    zero = hand.sample(None).gauge_counts[0]
+    hand.limit_force({1: zero + 300})
+    assert not hand.sample(None).relieving[0]
+    emulated.mechanics.place({1: 60_000.0})
+    emulated.mechanics._torques[1] = 0.3
+    emulated.mechanics._settle = lambda: None
+    for _ in range(2000):
+        sample = hand.sample(None)
+        if sample.relieving[0] and sample.finger_counts[0] < 60_000:
+            break
+    assert sample.relieving[0]
+    assert sample.strain_limits == (zero + 300, None, None)
 
 
 def test_garbled_frames_are_counted_not_believed(bench):

@@ -9,7 +9,7 @@ from barrett_hand_bridge.emulator.can_hand import CanHand as EmulatedCanHand
 from barrett_hand_bridge.emulator.mechanics import SCALE_280, HandBody, HandMechanics
 from barrett_hand_bridge.emulator.serial_hand import SerialHand as EmulatedSerialHand
 from barrett_hand_bridge.gcl.language import HandLinkError, parse_loop_end, parse_reply
-from barrett_hand_bridge.gcl.realtime import BlockError, decode_feedback, default_layout
+from barrett_hand_bridge.gcl.realtime import BlockError, decode_feedback, layout_for
 from barrett_hand_bridge.puck.frames import (
     FrameError,
     decode_address,
@@ -73,7 +73,7 @@ def test_ends_of_realtime_mode():
 
 @pytest.mark.timeout(1800)
 def test_realtime_feedback_blocks():
-    layout = default_layout(breakaway=True)
+    layout = layout_for(('strain', 'position', 'breakaway'))
     block = b'*' + bytes([120, 0x10, 0x20, 0x10, 0x00]) * 3 + bytes([6, 39])
     assert len(block) == layout.feedback_bytes
     for raw in mutated([block], 3):

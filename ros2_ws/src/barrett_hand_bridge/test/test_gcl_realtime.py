@@ -9,8 +9,8 @@ from barrett_hand_bridge.gcl.realtime import (
     Layout,
     MotorBlock,
     decode_feedback,
-    default_layout,
     encode_control,
+    layout_for,
 )
 
 # BH8-series manual for firmware 4.3x, page 41.
@@ -39,7 +39,7 @@ def test_worked_example_is_read_motor_by_motor_then_temperature():
 
 
 def test_default_layout_fills_the_13_byte_cycle():
-    assert default_layout().feedback_bytes == 12
+    assert layout_for().feedback_bytes == 12
 
 
 @given(
@@ -53,7 +53,7 @@ def test_feedback_comes_back_as_it_was_sent(positions, strains, spread):
         data.append(strain)
         data += position.to_bytes(2, 'big')
     data += spread.to_bytes(2, 'big')
-    feedback = decode_feedback(default_layout(), bytes(data))
+    feedback = decode_feedback(layout_for(), bytes(data))
     assert tuple(feedback.motors[m].strain for m in (1, 2, 3)) == strains
     assert tuple(feedback.motors[m].position for m in (1, 2, 3)) == positions
     assert feedback.motors[4].position == spread
@@ -63,18 +63,18 @@ def test_feedback_comes_back_as_it_was_sent(positions, strains, spread):
 def test_any_other_length_is_refused(data):
     if len(data) != 12:
         with pytest.raises(BlockError):
-            decode_feedback(default_layout(), data)
+            decode_feedback(layout_for(), data)
 
 
 def test_a_position_beyond_the_mechanical_stop_is_refused():
     data = b'*' + bytes([120, 0xFF, 0xFF]) + bytes(8)
     with pytest.raises(BlockError, match='motor 1: position 65535 beyond 17800'):
-        decode_feedback(default_layout(), data)
+        decode_feedback(layout_for(), data)
 
 
 @given(st.floats(-63.0, 63.0))
 def test_velocities_are_signed_fixed_point_with_a_coefficient(velocity):
-    data = encode_control(default_layout(), {1: velocity})
+    data = encode_control(layout_for(), {1: velocity})
     raw = data[1] - 256 if data[1] > 127 else data[1]
     assert data[:1] == b'C' and len(data) == 5 and data[2:] == bytes(3)
     assert raw * 8 / 16 == pytest.approx(velocity, abs=0.76)
@@ -82,9 +82,9 @@ def test_velocities_are_signed_fixed_point_with_a_coefficient(velocity):
 
 @given(st.floats(-63.0, 63.0))
 def test_no_velocity_is_ever_sent_as_control_c(velocity):
-    assert b'\x03' not in encode_control(default_layout(), {m: velocity for m in (1, 2, 3, 4)})
+    assert b'\x03' not in encode_control(layout_for(), {m: velocity for m in (1, 2, 3, 4)})
 
 
 def test_a_velocity_that_does_not_fit_is_refused():
     with pytest.raises(ValueError, match='motor 2: velocity 100 counts'):
-        encode_control(default_layout(), {2: 100.0})
+        encode_control(layout_for(), {2: 100.0})

@@ -143,7 +143,7 @@ def emulated(start, *options):
 def test_a_ball_is_grasped_from_start_to_force(start, listener, ball):
     node = bridge(
         start, 'backend:=emulator', f'emulator_object:={ball}', 'initialize_on_start:=true',
-        'close_force:=6.0', 'approach_speed:=0.1',
+        'close_force:=6.0', 'approach_speed:=0.03',
     )  # fmt: skip
     listener.listen(JointState, 'hand/joint_states')
     listener.listen(WrenchStamped, 'hand/finger_1/wrench')
@@ -373,6 +373,8 @@ def test_the_hand_pose_follows_the_arm(start, listener):
         (('port:=/dev/null',), 'parameter calibration is empty'),
         (('calibration:=none.yaml',), 'none.yaml'),
         (('backend:=telepathy',), "backend is 'telepathy'"),
+        (('baud:=fast',), "'baud' to 'fast'"),
+        (('close_force:=100.0',), 'close_force out of range'),
         (('backend:=emulator', 'emulator_object:=no.yaml'), 'no.yaml'),
     ],
 )

@@ -33,7 +33,8 @@ def sample(counts=120, stamp=100):
 def judge(observer, counts=120, **changes):
     taken = replace(sample(counts), **changes)
     health = Health(state=LinkState.CYCLING)
-    return health.judge(observer.observe(taken), taken)
+    health.take(taken, 0.0)
+    return health.judge(observer.observe(taken), taken, 0.5)
 
 
 def test_a_free_hand_is_well(observer):
@@ -41,7 +42,10 @@ def test_a_free_hand_is_well(observer):
 
 
 def test_a_lost_hand_is_an_error_with_its_reason():
-    assert Health(state=LinkState.LOST, reason='gone').judge(None, None) == (Level.ERROR, 'gone')
+    assert Health(state=LinkState.LOST, reason='gone').judge(None, None, 0.0) == (
+        Level.ERROR,
+        'gone',
+    )
 
 
 def test_a_gauge_near_its_end_is_a_warning(observer):
@@ -57,6 +61,25 @@ def test_a_gauge_beyond_its_end_is_an_error(observer):
 def test_a_finger_that_relieves_itself_is_an_error(observer):
     level, text = judge(observer, relieving=(False, True, False))
     assert level is Level.ERROR and 'finger 2 protects its gauge' in text
+
+
+def test_a_finger_that_gave_way_between_two_diagnostics_is_still_told_of(observer):
+    health = Health(state=LinkState.CYCLING)
+    for time_s, relieving in ((0.0, True), (0.01, True), (0.02, False), (0.1, True), (0.2, False)):
+        taken = replace(sample(), relieving=(False, relieving, False))
+        health.take(taken, time_s)
+    observation = observer.observe(taken)
+    assert health.judge(observation, taken, 1.0)[0] is Level.ERROR
+    assert health.judge(observation, taken, 10.0)[0] is Level.OK
+    values = health.values(observation, taken, observer, 10.0)
+    assert values['finger 2 gave way by itself (times)'] == '2'
+
+
+def test_the_strain_limits_of_the_hand_are_shown(observer):
+    taken = replace(sample(), strain_limits=(214, None, None))
+    values = Health().values(observer.observe(taken), taken, observer, 0.0)
+    assert values['finger 1 strain limit HSG (counts)'] == '214'
+    assert values['finger 2 strain limit HSG (counts)'] == 'none'
 
 
 def test_a_hot_hand_is_an_error(observer):

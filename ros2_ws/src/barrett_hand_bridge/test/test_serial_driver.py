@@ -7,7 +7,7 @@ from barrett_hand_bridge.emulator.mechanics import HandBody, HandMechanics
 from barrett_hand_bridge.emulator.serial_hand import SerialHand as EmulatedHand
 from barrett_hand_bridge.gcl import driver, line
 from barrett_hand_bridge.gcl.driver import SerialHand, open_port
-from barrett_hand_bridge.hand import HandError, HandNotInitialisedError
+from barrett_hand_bridge.hand import HandDisturbedError, HandError, HandNotInitialisedError
 
 
 class NoisyPort(DirectPort):
@@ -199,17 +199,48 @@ def test_flipped_gauges_are_turned_round(emulated):
 
 
 def test_breakaway_positions_are_read_when_asked_for(emulated):
-    hand, _, _ = connect(emulated, breakaway=True)
+    hand, _, _ = connect(emulated, feedback=('strain', 'position', 'breakaway'))
     hand.initialize()
     emulated.mechanics.place({1: 3000.0})
     emulated.mechanics.breakaway_counts[1] = 2000.0
     assert hand.sample(None).breakaway_counts == (2000, None, None)
 
 
+def test_changes_of_position_add_up_to_the_position(emulated):
+    hand, facts, _ = connect(emulated, feedback=('strain', 'delta'))
+    assert facts.ceiling_hz == pytest.approx(107, abs=0.5)
+    hand.initialize()
+    emulated.mechanics.place({2: 9000.0})
+    assert hand.sample(None).finger_counts == (0, 9000, 0)
+    emulated.mechanics.place({2: 8700.0, 4: 100.0})
+    samples = [hand.sample(None) for _ in range(3)]
+    # A change beyond one byte is handed over in parts.
+    assert [sample.finger_counts[1] for sample in samples] == [8872, 8744, 8700]
+    assert samples[-1].spread_counts == 100
+
+
+def test_a_changed_delta_is_found_out_at_the_stop_and_read_anew(emulated):
+    hand, _, ports = connect(emulated, feedback=('strain', 'delta'))
+    hand.initialize()
+    hand.sample(None)
+    original = ports[-1].read
+    ports[-1].read = lambda size=1: b'\x78\x80' + original(7)[2:] if size == 7 else original(size)
+    with pytest.raises(HandDisturbedError, match='position -128'):
+        hand.sample(None)
+    del ports[-1].read
+    assert hand.sample(None).finger_counts == (0, 0, 0)
+
+
+@pytest.mark.parametrize('feedback', [('strain',), ('position', 'delta'), ('position', 'smell')])
+def test_an_impossible_feedback_is_refused(feedback):
+    with pytest.raises(HandError, match='feedback'):
+        SerialHand(lambda: None, feedback=feedback)
+
+
 @pytest.mark.parametrize(('firmware', 'size'), [((4, 3, 1), 2), ((4, 4, 0), 1)])
 def test_temperature_is_read_in_the_size_of_the_firmware(firmware, size):
     emulated = EmulatedHand(HandMechanics(HandBody(), seed=2), firmware=firmware)
-    hand, _, _ = connect(emulated, temperature=True)
+    hand, _, _ = connect(emulated, feedback=('strain', 'position', 'temperature'))
     hand.initialize()
     sample = hand.sample(None)
     assert hand.layout.temperature_bytes == size
@@ -221,6 +252,19 @@ def test_strain_limits_are_set_in_the_hand_itself(emulated):
     hand.limit_force({1: 200, 2: None, 3: 240})
     limits = [emulated.parameters.motor[finger]['HSG'] for finger in (1, 2, 3)]
     assert limits == [200, 256, 240]
+
+
+def test_the_strain_limit_of_a_flipped_gauge_is_its_low_one(emulated):
+    emulated.feed(b'2FSET SGFLIP 1\r')
+    hand, _, _ = connect(emulated)
+    hand.initialize()
+    zero = emulated.mechanics.gauges[2].counts
+    hand.limit_force({2: zero - 5})
+    assert emulated.parameters.motor[2]['LSG'] == 255 - (zero - 5)
+    hand.sample({2: 0.5})
+    emulated.advance(0.1)
+    assert not emulated.mechanics.motors[2].moving
+    assert hand.sample(None).strain_limits == (None, zero - 5, None)
 
 
 def test_closing_stops_the_motors(emulated):

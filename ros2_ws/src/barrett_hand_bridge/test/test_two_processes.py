@@ -220,15 +220,20 @@ def test_an_emulator_leaves_when_its_starter_is_gone(start):
 
 
 @pytest.mark.parametrize(
-    ('options', 'complaint'),
+    ('options', 'code', 'complaint'),
     [
-        (('--object', 'no.yaml'), 'no.yaml'),
-        (('--fault', 'meteor@1'), "fault 'meteor@1'"),
-        (('--hand', '280', '--interface', 'nonsense'), 'nonsense'),
+        (('--object', 'no.yaml'), 1, 'no.yaml'),
+        (('--hand', '280', '--interface', 'nonsense'), 1, 'nonsense'),
+        (('--weigh', '/nowhere/weights.csv'), 1, '/nowhere/weights.csv'),
+        (('--fault', 'meteor@1'), 2, "fault 'meteor@1'"),
+        (('--fault', 'no-gauge@1:9'), 2, 'needs a finger'),
+        (('--firmware', '4.4'), 2, "'4.4' is no version"),
+        (('--press', '2:77:3'), 2, "'2:77:3' is not FINGER:CELL:PRESSURE"),
+        (('--seed', '-1'), 2, "'-1'"),
     ],
 )
-def test_an_emulator_that_cannot_start_says_why(start, options, complaint):
+def test_an_emulator_that_cannot_start_says_why(start, options, code, complaint):
     emulator = start('hand_emulator', *options)
-    assert emulator.process.wait(20.0) == 1
+    assert emulator.process.wait(20.0) == code
     assert complaint in emulator.text
     assert 'Traceback' not in emulator.text

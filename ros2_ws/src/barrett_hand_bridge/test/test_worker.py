@@ -7,6 +7,7 @@ import pytest
 from barrett_hand_bridge.calibration import GaugeCalibration
 from barrett_hand_bridge.hand import (
     ENCODER_262,
+    HandDisturbedError,
     HandError,
     HandFacts,
     HandNotInitialisedError,
@@ -97,7 +98,6 @@ def bench():
             hand,
             lambda facts: HandObserver(ObserverSettings(dict.fromkeys((1, 2, 3), GAUGE))),
             events.append,
-            strain_limit_nm=1.0,
             **options,
         )
         worker.start()
@@ -134,7 +134,7 @@ def test_it_comes_back_after_a_loss_and_demands_a_tare(bench, wait_until):
 def test_a_resynchronised_cycle_keeps_the_zero(bench, wait_until):
     worker, hand, events = bench()
     worker.submit('tare').result(10.0)
-    hand.trouble = [HandError('resynchronised with the hand after: garbage')]
+    hand.trouble = [HandDisturbedError('resynchronised with the hand after: garbage')]
     seen(events, Disturbed, wait_until)
     assert worker.observer.zeros[1].tared
     assert hand.log.count('connect') == 1

@@ -124,8 +124,12 @@ def _plot(fits: Mapping[int, GaugeFit], path: Path) -> None:
     rest.set_xlabel('gauge reading (counts)')
     rest.axhline(0.0, color='0.7')
     figure.tight_layout()
-    figure.savefig(path, dpi=120)
-    pyplot.close(figure)
+    try:
+        figure.savefig(path, dpi=120)
+    except ValueError as error:
+        raise CalibrationError(f'picture {path}: {error}') from error
+    finally:
+        pyplot.close(figure)
 
 
 if __name__ == '__main__':

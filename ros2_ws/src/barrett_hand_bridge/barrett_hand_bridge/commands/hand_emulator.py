@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import signal
 import sys
 import threading
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import can
 
-from barrett_hand_bridge.emulator.can_hand import CanHand
+from barrett_hand_bridge.emulator.can_hand import CELLS, CanHand
 from barrett_hand_bridge.emulator.can_port import BusSchedule, CanPort, SlcanPort
 from barrett_hand_bridge.emulator.faults import FAULTS, Fault, FaultError, parse_fault
 from barrett_hand_bridge.emulator.mechanics import SCALE_262, SCALE_280, HandBody, HandMechanics
@@ -20,6 +21,35 @@ from barrett_hand_bridge.emulator.pty_port import PtyPort
 from barrett_hand_bridge.emulator.serial_hand import SerialHand
 from barrett_hand_bridge.emulator.squeeze import SqueezeError, read_squeezed
 from barrett_hand_bridge.emulator.weighing import weighing_table
+
+
+def _firmware(text: str) -> tuple[int, int, int]:
+    match = re.fullmatch(r'(\d{1,2})\.(\d{1,2})\.(\d{1,2})', text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f'{text!r} is no version such as 4.3.1')
+    return int(match.group(1)), int(match.group(2)), int(match.group(3))
+
+
+def _press(text: str) -> tuple[int, int, float]:
+    match = re.fullmatch(r'([1-4]):(\d{1,2}):(\d+(?:\.\d+)?)', text)
+    if match is None or int(match.group(2)) >= CELLS:
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is not FINGER:CELL:PRESSURE with a finger 1 to 4 and a cell 0 to 23'
+        )
+    return int(match.group(1)), int(match.group(2)), float(match.group(3))
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f'{text!r} is no whole number from 0 on')
+    return int(text)
+
+
+def _fault(text: str) -> Fault:
+    try:
+        return parse_fault(text)
+    except FaultError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def parser() -> argparse.ArgumentParser:
@@ -30,14 +60,16 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument(
         '--object', type=Path, metavar='FILE', help='squeezed object (YAML); default: nothing'
     )
-    command.add_argument('--seed', type=int, default=1, help='fixes every gauge and its noise')
+    command.add_argument('--seed', type=_seed, default=1, help='fixes every gauge and its noise')
     command.add_argument(
         '--link', type=Path, metavar='PATH', help='name that keeps pointing to the pty (262)'
     )
     command.add_argument(
         '--unpaced', action='store_true', help='bytes take no time instead of 10 bits each (262)'
     )
-    command.add_argument('--firmware', default='4.4.0', help='firmware version (262), e.g. 4.3.1')
+    command.add_argument(
+        '--firmware', type=_firmware, default='4.4.0', help='firmware version (262), e.g. 4.3.1'
+    )
     command.add_argument(
         '--interface', default='udp_multicast', help='python-can interface; slcan: a pty (280)'
     )
@@ -48,6 +80,7 @@ def parser() -> argparse.ArgumentParser:
     )
     command.add_argument(
         '--press',
+        type=_press,
         action='append',
         default=[],
         metavar='FINGER:CELL:PRESSURE',
@@ -55,6 +88,7 @@ def parser() -> argparse.ArgumentParser:
     )
     command.add_argument(
         '--fault',
+        type=_fault,
         action='append',
         default=[],
         metavar='KIND@WHEN[:VALUE]',
@@ -84,14 +118,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     try:
         return _serve(options)
-    except (SqueezeError, FaultError, OSError, ValueError, can.CanError) as error:
+    except (SqueezeError, OSError, ValueError, can.CanError) as error:
         print(f'hand_emulator: {error}', file=sys.stderr)
         return 1
 
 
 def _serve(options: argparse.Namespace) -> int:
     squeezed = None if options.object is None else read_squeezed(options.object)
-    faults = [parse_fault(text) for text in options.fault]
     scale = SCALE_262 if options.hand == '262' else SCALE_280
     mechanics = HandMechanics(HandBody(scale=scale), options.seed, squeezed)
     if options.weigh is not None:
@@ -100,9 +133,9 @@ def _serve(options: argparse.Namespace) -> int:
         if options.once:
             return 0
     port, where = (
-        _serial_port(options, mechanics, faults)
+        _serial_port(options, mechanics)
         if options.hand == '262'
-        else _can_port(options, mechanics, faults)
+        else _can_port(options, mechanics)
     )
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -118,27 +151,23 @@ def _serve(options: argparse.Namespace) -> int:
     return 0
 
 
-def _serial_port(
-    options: argparse.Namespace, mechanics: HandMechanics, faults: Sequence[Fault]
-) -> tuple[PtyPort, str]:
-    major, minor, patch = (int(part) for part in options.firmware.split('.'))
+def _serial_port(options: argparse.Namespace, mechanics: HandMechanics) -> tuple[PtyPort, str]:
     port = PtyPort(
-        SerialHand(mechanics, firmware=(major, minor, patch), serial_number=options.seed),
+        SerialHand(mechanics, firmware=options.firmware, serial_number=options.seed),
         paced=not options.unpaced,
         link=options.link,
-        faults=faults,
+        faults=options.fault,
     )
     return port, str(options.link or port.path)
 
 
 def _can_port(
-    options: argparse.Namespace, mechanics: HandMechanics, faults: Sequence[Fault]
+    options: argparse.Namespace, mechanics: HandMechanics
 ) -> tuple[CanPort | SlcanPort, str]:
     hand = CanHand(mechanics, firmware=options.puck_firmware)
-    for text in options.press:
-        finger, cell, pressure = text.split(':')
-        hand.pressures[int(finger)][int(cell)] = float(pressure)
-    schedule = BusSchedule(hand, paced=not options.unpaced, faults=faults)
+    for finger, cell, pressure in options.press:
+        hand.pressures[finger][cell] = pressure
+    schedule = BusSchedule(hand, paced=not options.unpaced, faults=options.fault)
     if options.interface == 'slcan':
         stick = SlcanPort(schedule)
         return stick, stick.path

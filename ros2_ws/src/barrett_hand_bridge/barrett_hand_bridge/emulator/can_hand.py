@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from barrett_hand_bridge.emulator.mechanics import SPREAD, HandMechanics
 
 FIRST_NODE = 11
+CELLS = 24
 HAND_GROUP = 5
 ENCODER_COUNTS_PER_TURN = 4096
 SELF_PRESERVATION = (667, 3460)
@@ -54,7 +55,7 @@ class CanHand:
         self.firmware = firmware
         self.pucks = {motor: Puck(FIRST_NODE + motor - 1) for motor in (1, 2, 3, 4)}
         self.touch = touch
-        self.pressures: dict[int, list[float]] = {motor: [0.0] * 24 for motor in (1, 2, 3, 4)}
+        self.pressures: dict[int, list[float]] = {motor: [0.0] * CELLS for motor in (1, 2, 3, 4)}
         self.temperature_c = 32
         self._output: list[OutgoingFrame] = []
         self._initialising: list[int] = []
@@ -209,7 +210,7 @@ class CanHand:
                 frame = OutgoingFrame(0x400 | puck.node << 5 | 9, word.to_bytes(8, 'big'))
                 self._output.append(frame)
         elif puck.touch_mode == 1:
-            strongest = sorted(range(24), key=lambda cell: -cells[cell])[:10]
+            strongest = sorted(range(CELLS), key=lambda cell: -cells[cell])[:10]
             marked = sorted(cell for cell in strongest if cells[cell] > 0.0)
             word = 0
             for cell in marked:

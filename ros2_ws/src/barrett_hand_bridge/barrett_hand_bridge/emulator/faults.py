@@ -21,6 +21,7 @@ FAULTS: dict[str, str] = {
     'hot': 'the hand reports 70 degrees Celsius',
     'sleep': 'the motor controller of finger VALUE falls asleep (CAN)',
 }
+NEEDS_FINGER = ('no-gauge', 'sleep')
 ON_SIGNAL = 'signal'
 
 
@@ -49,6 +50,8 @@ def parse_fault(text: str) -> Fault:
             f'fault {text!r}: expected KIND@SECONDS[:VALUE] or KIND@signal[:VALUE] with KIND one '
             'of ' + ', '.join(FAULTS)
         )
+    if match.group(1) in NEEDS_FINGER and match.group(3) not in ('1', '2', '3'):
+        raise FaultError(f'fault {text!r}: needs a finger, 1, 2 or 3, behind a colon')
     moment = math.inf if match.group(2) == ON_SIGNAL else float(match.group(2))
     return Fault(match.group(1), moment, float(match.group(3) or 0.0))
 

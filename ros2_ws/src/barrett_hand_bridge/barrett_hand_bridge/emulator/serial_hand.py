@@ -20,7 +20,7 @@ from barrett_hand_bridge.emulator.serial_parameters import (
     MOTORS,
     ParameterStore,
 )
-from barrett_hand_bridge.emulator.serial_readings import motor_value
+from barrett_hand_bridge.emulator.serial_state import NO_GAUGE, SerialState
 from barrett_hand_bridge.emulator.serial_status import (
     INTERRUPTED,
     INVALID_VALUE,
@@ -44,7 +44,7 @@ CONTROL_C = 0x03
 MOTIONS = ('HI', 'HOME', 'C', 'O', 'M', 'IC', 'IO', 'TC', 'TO')
 
 
-class SerialHand:
+class SerialHand(SerialState):
     """A BH8-262 behind its RS-232 plug. Feed it bytes, advance its time, take its answers."""
 
     def __init__(
@@ -55,26 +55,14 @@ class SerialHand:
         serial_number: int = 262001,
         sample_period_s: float = 0.01,
     ) -> None:
-        """A hand just switched on: its banner waits to be taken.
-
-        `sample_period_s` is the servo sample to which velocities in counts per sample refer; the
-        maker's value is not known here.
-        """
-        self.mechanics = mechanics
-        self.firmware = firmware
-        self.serial_number = serial_number
-        self.sample_period_s = sample_period_s
-        self.parameters = ParameterStore()
-        self.status = dict.fromkeys(MOTORS, 0)
-        self.initialised = dict.fromkeys(MOTORS, False)
-        self.temperature_c = 31.5
+        """A hand just switched on: its banner waits to be taken."""
+        super().__init__(mechanics, firmware, serial_number, sample_period_s)
         self.loop: LoopSession | None = None
         self.loop_error: int | None = None
         self._line = bytearray()
         self._output = bytearray()
         self._moving: dict[int, float | None] = {}
         self._initialising: list[tuple[int, ...]] = []
-        self._switched_on_s = mechanics.time_s
         self._banner()
 
     @property
@@ -104,7 +92,7 @@ class SerialHand:
             self.parameters = ParameterStore()
         self.parameters.hand['BAUD'] = 96
         self.initialised = dict.fromkeys(MOTORS, False)
-        self._switched_on_s = self.mechanics.time_s
+        self.switched_on_s = self.mechanics.time_s
         self._banner()
 
     def feed(self, data: bytes) -> None:
@@ -136,17 +124,6 @@ class SerialHand:
             self._guard_strain()
             if self.moving:
                 self._watch_motion()
-
-    def strain(self, motor: int) -> int:
-        """What SG shows: the reading, flipped when SGFLIP is set; the spread has no gauge."""
-        if motor == SPREAD:
-            return 255
-        counts = self.mechanics.gauges[motor].counts
-        return 255 - counts if self.parameters.motor[motor]['SGFLIP'] else counts
-
-    def velocity(self, motor: int, counts_per_sample: float) -> float:
-        """Counts per second from counts per servo sample."""
-        return counts_per_sample / self.sample_period_s
 
     def _banner(self) -> None:
         version = '.'.join(str(part) for part in self.firmware)
@@ -248,7 +225,7 @@ class SerialHand:
             name = ALIASES.get(word, word)
             if name not in MOTOR_PARAMETERS:
                 raise RefusedError(UNKNOWN_PARAMETER)
-            values += [motor_value(self, motor, name) for motor in self._motors(prefix)]
+            values += [self.motor_value(motor, name) for motor in self._motors(prefix)]
         return values
 
     def _set_motor(self, prefix: str, words: list[str]) -> list[int | str]:
@@ -260,17 +237,11 @@ class SerialHand:
         return []
 
     def _get_global(self, prefix: str, words: list[str]) -> list[int | str]:
-        readings = {
-            'TEMP': int(self.temperature_c * 10),
-            'PTEMP': int(self.temperature_c * 10),
-            'UPSECS': int(self.mechanics.time_s - self._switched_on_s),
-            'SN': self.serial_number,
-        }
         values: list[int | str] = []
         for word in words:
             if word not in GLOBAL_PARAMETERS:
                 raise RefusedError(UNKNOWN_PARAMETER)
-            values.append(readings.get(word, self.parameters.hand.get(word, 0)))
+            values.append(self.global_value(word))
         return values
 
     def _set_global(self, prefix: str, words: list[str]) -> list[int | str]:
@@ -331,12 +302,17 @@ class SerialHand:
         self._moving[motor] = goal if name == 'M' else None
 
     def _guard_strain(self) -> None:
-        """Stop a motor that closes against the strain limit (HSG) or opens against LSG."""
+        """Stop a motor that closes against the strain limit (HSG) or opens against LSG.
+
+        With SGFLIP the reading falls as the finger closes, and the two change their parts.
+        """
         for motor in (1, 2, 3):
             state = self.mechanics.motors[motor]
             own = self.parameters.motor[motor]
-            over = own['HSG'] < 255 and self.strain(motor) > own['HSG']
+            over = own['HSG'] < NO_GAUGE and self.strain(motor) > own['HSG']
             under = self.strain(motor) < own['LSG']
+            if own['SGFLIP']:
+                over, under = under, over
             if (state.velocity > 0 and over) or (state.velocity < 0 and under):
                 state.stop()
 
@@ -390,6 +366,7 @@ class SerialHand:
         self.loop_error = None
         if status == 0:
             status = self.loop.take_byte(byte, self._output)
+            self._guard_strain()
         if status:
             self._leave_loop(status)
 

@@ -6,12 +6,8 @@ the manuals of both firmwares: two signed bytes up to 4.3x, one unsigned byte fr
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from barrett_hand_bridge.emulator.mechanics import SPREAD
-
-if TYPE_CHECKING:
-    from barrett_hand_bridge.emulator.serial_hand import SerialHand
+from barrett_hand_bridge.emulator.serial_state import SerialState
 
 INVALID_HEADER = 2048
 
@@ -19,7 +15,7 @@ INVALID_HEADER = 2048
 class LoopSession:
     """One stay in RealTime mode; the block structure is fixed by the flags at its start."""
 
-    def __init__(self, hand: SerialHand, motors: tuple[int, ...]) -> None:
+    def __init__(self, hand: SerialState, motors: tuple[int, ...]) -> None:
         """Fix the layout for `motors` from the hand's present parameters."""
         self._hand = hand
         self._motors = motors
@@ -28,7 +24,6 @@ class LoopSession:
         self._discard = bool(hand.parameters.hand['LFDPD'])
         self._header: int | None = None
         self._data = bytearray()
-        self._reported = {m: hand.mechanics.encoder_counts(m) for m in motors}
         self._control_bytes = 0
         for own in self._parameters.values():
             self._control_bytes += own['LCV'] + own['LCPG'] + 2 * own['LCT']
@@ -81,16 +76,16 @@ class LoopSession:
                 output.append(_clip(int(speed)) & 0xFF)
             if own['LFS']:
                 output.append(hand.strain(motor))
+            before = hand.reported[motor]
             if own['LFAP']:
-                output += position.to_bytes(2, 'big')
+                output += hand.report_position(motor).to_bytes(2, 'big')
             if own['LFDP']:
                 divisor = max(own['LFDPC'], 1)
-                delta = _clip(int((position - self._reported[motor]) / divisor))
+                delta = _clip(int((position - before) / divisor))
                 output.append(delta & 0xFF)
-                keep_rest = not self._discard
-                self._reported[motor] = (
-                    self._reported[motor] + delta * divisor if keep_rest else position
-                )
+                if not (own['LFAP'] or self._discard):
+                    position = before + delta * divisor
+                hand.reported[motor] = position
             if own['LFBP']:
                 broken_at = None if motor == SPREAD else hand.mechanics.breakaway_counts.get(motor)
                 output += int(broken_at or 0).to_bytes(2, 'big')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import serial
@@ -22,9 +22,10 @@ from barrett_hand_bridge.gcl.realtime import (
     HEADER_FEEDBACK,
     BlockError,
     Feedback,
+    check_position,
     decode_feedback,
-    default_layout,
     encode_control,
+    layout_for,
     temperature_bytes,
 )
 from barrett_hand_bridge.hand import (
@@ -32,6 +33,7 @@ from barrett_hand_bridge.hand import (
     FINGERS,
     SPREAD,
     Guard,
+    HandDisturbedError,
     HandError,
     HandFacts,
     HandNotInitialisedError,
@@ -41,6 +43,9 @@ from barrett_hand_bridge.hand import (
 NOT_INITIALISED = 4
 INITIALISE_TIMEOUT_S = 20.0
 NO_GAUGE_COUNTS = 255
+# HSG from 255 on never acts.
+HIGHEST_LIMIT = 254
+NO_LIMIT = 256
 PATIENCE_S = 2.0
 LATE_PERIODS = 2.8
 
@@ -70,8 +75,7 @@ class SerialHand:
         clock_ns: Callable[[], int] = time.time_ns,
         baud: int = 38400,
         servo_sample_s: float = 0.01,
-        breakaway: bool = False,
-        temperature: bool = False,
+        feedback: Sequence[str] = ('strain', 'position'),
         prefetch: bool = True,
         late_s: float | None = None,
         guard: Callable[[Port], Guard] | None = None,
@@ -83,19 +87,24 @@ class SerialHand:
         which an answer is called late; None: just under three cycles of the line.
 
         `servo_sample_s`: the period to which the hand's velocities in counts per sample refer.
-        `temperature`: ask for it in every block.
+        `feedback`: what every block brings, of `realtime.FEEDBACK`.
+
+        Raises:
+            HandError: a line speed or a feedback that the hand does not know.
         """
         if baud not in language.BAUD_RATES:
             raise HandError(f'baud {baud}: the hand knows 9600, 19200 and 38400')
+        try:
+            self.layout = layout_for(feedback)
+        except ValueError as error:
+            raise HandError(str(error)) from error
         self.late: Callable[[], None] = lambda: None
         self._open_line = open_line
         self._clock_ns = clock_ns
         self._baud = baud
         self._servo_sample_s = servo_sample_s
         self._line: Line | None = None
-        layout = default_layout(breakaway=breakaway)
-        self.layout = layout
-        self._temperature = temperature
+        self._temperature = 'temperature' in feedback
         self._prefetch = prefetch
         self._late_s = late_s
         self._make_guard = guard
@@ -105,6 +114,8 @@ class SerialHand:
         self._looping = False
         self._flipped = dict.fromkeys(FINGERS, False)
         self._seen_gauge = dict.fromkeys(FINGERS, False)
+        self._limits: dict[int, int | None] = dict.fromkeys(FINGERS)
+        self._positions: dict[int, int] = {}
         self._aborting = False
         self.resynchronisations = 0
 
@@ -137,6 +148,11 @@ class SerialHand:
             serial_number = line.command('PGET SN').integers(1)[0]
             flips = line.command('GFGET SGFLIP').integers(3)
             self._flipped = {finger: bool(flips[finger - 1]) for finger in FINGERS}
+            limits = line.command('GFGET HSG').integers(3)
+            self._limits = {
+                f: limits[f - 1] if limits[f - 1] <= HIGHEST_LIMIT and not flips[f - 1] else None
+                for f in FINGERS
+            }
             self._configure(line)
         except (HandLinkError, serial.SerialException, OSError) as error:
             with contextlib.suppress(serial.SerialException, OSError):
@@ -159,7 +175,7 @@ class SerialHand:
         for motor, block in self.layout.motors.items():
             pairs = ' '.join(f'{name} {value}' for name, value in block.parameters().items())
             coefficient = self.layout.velocity_coefficient
-            line.command(f'{motor}FSET {pairs} LCVC {coefficient}')
+            line.command(f'{motor}FSET {pairs} LCVC {coefficient} LFDPC 1')
         line.command(f'PSET LFT {int(self.layout.temperature_bytes > 0)} LFDPD 0')
 
     def initialize(self) -> None:
@@ -181,7 +197,8 @@ class SerialHand:
 
         Raises:
             HandNotInitialisedError: the hand wants HI first.
-            HandError: the link is lost or the hand ended RealTime mode; call again or `connect`.
+            HandDisturbedError: garbage or loss on the line, overcome: call again.
+            HandError: the link is lost or the hand ended RealTime mode: `connect` again.
         """
         try:
             if not self._looping:
@@ -204,7 +221,7 @@ class SerialHand:
             raise HandError(f'the hand ended RealTime mode: {refused}') from refused
         except (HandLinkError, BlockError) as error:
             self._recover()
-            raise HandError(f'resynchronised with the hand after: {error}') from error
+            raise HandDisturbedError(f'resynchronised with the hand after: {error}') from error
         except (serial.SerialException, OSError, TypeError) as error:
             # pyserial answers a TypeError when another thread closes the port under a read.
             self._looping = False
@@ -219,8 +236,12 @@ class SerialHand:
 
     def _enter_loop(self) -> None:
         line = self._connected()
-        motors = ''.join(str(motor) for motor in sorted(self.layout.motors))
-        command = f'{motors}LOOP'
+        motors = sorted(self.layout.motors)
+        prefix = ''.join(str(motor) for motor in motors)
+        # Changes of position count from the last one reported, which this is.
+        positions = line.command(f'{prefix}FGET P').integers(len(motors))
+        self._positions = dict(zip(motors, positions, strict=True))
+        command = f'{prefix}LOOP'
         line.port.write(command.encode() + b'\r')
         line.port.timeout = 1.0
         answer = line.port.read(len(command) + 1)
@@ -276,17 +297,22 @@ class SerialHand:
         self._asked_at = time.monotonic()
 
     def _sample(self, feedback: Feedback, stamp_ns: int) -> HandSample:
-        fingers = [feedback.motors[finger] for finger in FINGERS]
-        positions = [finger.position or 0 for finger in fingers]
+        for motor, own in feedback.motors.items():
+            if own.position is not None:
+                self._positions[motor] = own.position
+            elif own.delta is not None:
+                self._positions[motor] += own.delta
+                check_position(motor, 'position', self._positions[motor])
         gauges = [self._gauge(n, feedback.motors[n].strain) for n in FINGERS]
-        broken = [finger.breakaway or None for finger in fingers]
+        broken = [feedback.motors[n].breakaway or None for n in FINGERS]
         return HandSample(
             stamp_ns=stamp_ns,
-            finger_counts=(positions[0], positions[1], positions[2]),
-            spread_counts=feedback.motors[SPREAD].position or 0,
+            finger_counts=(self._positions[1], self._positions[2], self._positions[3]),
+            spread_counts=self._positions[SPREAD],
             gauge_counts=(gauges[0], gauges[1], gauges[2]),
             breakaway_counts=(broken[0], broken[1], broken[2]),
             temperature_c=feedback.temperature_c,
+            strain_limits=(self._limits[1], self._limits[2], self._limits[3]),
         )
 
     def _gauge(self, finger: int, strain: int | None) -> int | None:
@@ -318,7 +344,7 @@ class SerialHand:
             raise HandError(f'the hand no longer answers: {error}') from error
 
     def limit_force(self, counts: Mapping[int, int | None]) -> None:
-        """Set HSG per finger: the hand itself stops closing above that reading.
+        """Set HSG per finger, LSG for flipped gauges: the hand itself stops closing there.
 
         Raises:
             HandError: the hand refuses or does not answer.
@@ -326,8 +352,12 @@ class SerialHand:
         try:
             self._leave_loop()
             for finger, limit in counts.items():
-                value = 256 if limit is None else min(max(limit, 0), 254)
-                self._connected().command(f'{finger}FSET HSG {value}')
+                value = NO_LIMIT if limit is None else min(max(limit, 0), HIGHEST_LIMIT)
+                name = 'HSG'
+                if self._flipped[finger]:
+                    name, value = 'LSG', max(NO_GAUGE_COUNTS - value, 0)
+                self._connected().command(f'{finger}FSET {name} {value}')
+                self._limits[finger] = limit
         except (HandLinkError, serial.SerialException, OSError) as error:
             raise HandError(f'the strain limit cannot be set: {error}') from error
 

@@ -6,7 +6,7 @@ The wire has no checksum: ranges are all that tells a wrong block from a right o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 HEADER_CONTROL_FEEDBACK = b'C'
@@ -17,7 +17,10 @@ ACKNOWLEDGE = 0x2A
 
 HIGHEST_FINGER_COUNTS = 17800
 HIGHEST_SPREAD_COUNTS = 3200
+LOWEST_COUNTS = -50
 SPREAD = 4
+# What a block may bring: gauge reading, position or its change, where the clutch let go, heat.
+FEEDBACK = ('strain', 'position', 'delta', 'breakaway', 'temperature')
 
 
 class BlockError(ValueError):
@@ -122,10 +125,29 @@ class Layout:
         )
 
 
-def default_layout(*, breakaway: bool = False, velocity_coefficient: int = 8) -> Layout:
-    """Strain and position of the fingers, position of the spread, velocity commands for all."""
-    finger = MotorBlock(velocity_command=True, strain=True, position=True, breakaway=breakaway)
-    spread = MotorBlock(velocity_command=True, position=True)
+def layout_for(
+    feedback: Sequence[str] = ('strain', 'position'), *, velocity_coefficient: int = 8
+) -> Layout:
+    """Velocity commands for all motors, and of `FEEDBACK` what is wanted.
+
+    The temperature is left to the firmware's `temperature_bytes`.
+
+    Raises:
+        ValueError: an unknown word, or neither `position` nor `delta`.
+    """
+    unknown = [name for name in feedback if name not in FEEDBACK]
+    if unknown:
+        raise ValueError(f'feedback {unknown[0]!r}: the hand sends {", ".join(FEEDBACK)}')
+    if ('position' in feedback) == ('delta' in feedback):
+        raise ValueError(f'feedback {list(feedback)}: needs either position or delta')
+    where = {'position': 'position' in feedback, 'delta': 'delta' in feedback}
+    finger = MotorBlock(
+        velocity_command=True,
+        strain='strain' in feedback,
+        breakaway='breakaway' in feedback,
+        **where,
+    )
+    spread = MotorBlock(velocity_command=True, **where)
     return Layout(
         {1: finger, 2: finger, 3: finger, SPREAD: spread},
         velocity_coefficient=velocity_coefficient,
@@ -163,6 +185,17 @@ def encode_control(layout: Layout, velocities: Mapping[int, float]) -> bytes:
     return bytes(data)
 
 
+def check_position(motor: int, name: str, counts: int) -> None:
+    """Refuse a position that no motor can stand at.
+
+    Raises:
+        BlockError: it lies beyond the mechanical stops.
+    """
+    highest = HIGHEST_SPREAD_COUNTS if motor == SPREAD else HIGHEST_FINGER_COUNTS
+    if not LOWEST_COUNTS <= counts <= highest:
+        raise BlockError(f'motor {motor}: {name} {counts} beyond {highest}')
+
+
 def decode_feedback(layout: Layout, data: bytes) -> Feedback:
     """Read one feedback block, acknowledge byte included.
 
@@ -189,10 +222,8 @@ def decode_feedback(layout: Layout, data: bytes) -> Feedback:
             if present:
                 values[name] = int.from_bytes(data[at : at + size], 'big', signed=signed)
                 at += size
-        highest = HIGHEST_SPREAD_COUNTS if motor == SPREAD else HIGHEST_FINGER_COUNTS
         for name in ('position', 'breakaway'):
-            if values.get(name, 0) > highest:
-                raise BlockError(f'motor {motor}: {name} {values[name]} beyond {highest}')
+            check_position(motor, name, values.get(name, 0))
         motors[motor] = MotorFeedback(**values)
     temperature: float | None = None
     if layout.temperature_bytes == 1:

@@ -32,7 +32,12 @@ from barrett_hand_bridge.puck.frames import (
     get_frame,
     set_frame,
 )
-from barrett_hand_bridge.puck.replies import MOTORS_ALL, Cycle, ReplyReader
+from barrett_hand_bridge.puck.replies import (
+    HIGHEST_GAUGE_COUNT,
+    MOTORS_ALL,
+    Cycle,
+    ReplyReader,
+)
 
 INNER_RAD_PER_COUNT = 2.0 * math.pi / 4096 / 50.0
 REPLY_S = 0.1
@@ -40,7 +45,9 @@ WAKE_SILENCE_S = 1.0
 FINGERS_TIMEOUT_S = 6.0
 SPREAD_TIMEOUT_S = 4.0
 REFRESH_CYCLES = 25
-PATIENCE_S = 1.0
+# How long to wait for an answer each time that it is asked for again, and for the bus to be quiet.
+RETRIES_S = (0.1, 0.2, 0.7)
+QUIET_S = 0.003
 # Under three periods of the 500 cycles per second that this driver promises.
 LATE_S = 0.0055
 # Two group requests, four gauge and four position replies: 47 bits and 8 per byte at 1 Mbit/s.
@@ -82,6 +89,7 @@ class CanHand:
         self._cycle_count = 0
         self._sent: dict[int, int] = {}
         self._gauge_fitted: dict[int, bool] = dict.fromkeys(FINGERS, True)
+        self._limits: dict[int, int | None] = dict.fromkeys(FINGERS)
         self._replies = ReplyReader()
         self.strange_frames = 0
 
@@ -189,6 +197,7 @@ class CanHand:
             finger: bool((roles[finger] or 0) & properties.ROLE_GAUGE) for finger in FINGERS
         }
         self._number('SG')
+        self._limits = {finger: self._get(finger, 'HSG') or None for finger in FINGERS}
         serial_number = self._get(1, 'SN')
         if self._touch != 'none':
             self._begin_touch(roles)
@@ -259,8 +268,7 @@ class CanHand:
         stamp_ns = self._gather(cycle, self._late_s)
         if not cycle.complete():
             self.late()
-            late_stamp_ns = self._gather(cycle, PATIENCE_S)
-            stamp_ns = stamp_ns or late_stamp_ns
+            stamp_ns = self._gather_again(cycle) or stamp_ns
         if not cycle.complete():
             missing = cycle.missing()
             self._drain()
@@ -303,6 +311,19 @@ class CanHand:
                 self._set(NODES[motor], 'V', speed)
                 self._set(NODES[motor], 'MODE', properties.MODE_VELOCITY)
 
+    def _gather_again(self, cycle: Cycle) -> int:
+        """Ask for what a late or lost frame should have brought; returns the first one's time."""
+        stamp_ns = 0
+        for patience_s in RETRIES_S:
+            self._request(None)
+            stamp_ns = self._gather(cycle, patience_s) or stamp_ns
+            if cycle.complete():
+                # Answers to both requests come: what is left belongs to no later cycle.
+                while self._receive(QUIET_S) is not None:
+                    continue
+                break
+        return stamp_ns
+
     def _gather(self, cycle: Cycle, timeout_s: float) -> int:
         """Collect replies until the cycle is complete; returns the time of the first one."""
         deadline = time.monotonic() + timeout_s
@@ -322,17 +343,21 @@ class CanHand:
         return stamp_ns
 
     def _sample(self, cycle: Cycle, stamp_ns: int) -> HandSample:
-        low, high = properties.SELF_PRESERVATION_COUNTS
+        limits = self._limits
         gauges = [cycle.gauges[f] if self._gauge_fitted[f] else None for f in FINGERS]
         inner = [cycle.positions[finger][1] for finger in FINGERS]
         angles = [None if counts is None else counts * INNER_RAD_PER_COUNT for counts in inner]
-        relieving = [g is not None and not low <= g <= high for g in gauges]
+        relieving = [
+            g is not None and _gives_way(g, limits[finger])
+            for finger, g in zip(FINGERS, gauges, strict=True)
+        ]
         return HandSample(
             stamp_ns=stamp_ns,
             finger_counts=(cycle.positions[1][0], cycle.positions[2][0], cycle.positions[3][0]),
             spread_counts=cycle.positions[SPREAD][0],
             gauge_counts=(gauges[0], gauges[1], gauges[2]),
             inner_rad=(angles[0], angles[1], angles[2]),
+            strain_limits=(limits[1], limits[2], limits[3]),
             relieving=(relieving[0], relieving[1], relieving[2]),
             tactile_n_per_cm2=self._replies.pressures(),
         )
@@ -344,7 +369,9 @@ class CanHand:
             HandError: the bus takes no frames.
         """
         for finger, limit in counts.items():
-            self._set(NODES[finger], 'HSG', 0 if limit is None else min(max(limit, 1), 4095))
+            value = 0 if limit is None else min(max(limit, 1), HIGHEST_GAUGE_COUNT)
+            self._set(NODES[finger], 'HSG', value)
+            self._limits[finger] = value or None
 
     def stop(self) -> None:
         """All motors idle; the worm gears hold the position.
@@ -387,3 +414,9 @@ class CanHand:
         if bus is not None:
             with contextlib.suppress(Exception):
                 bus.shutdown()
+
+
+def _gives_way(counts: int, limit: int | None) -> bool:
+    """Whether a finger with this reading drives itself back: beyond HSG, or its gauge's ends."""
+    low, high = properties.SELF_PRESERVATION_COUNTS
+    return not low <= counts <= min(high, high if limit is None else limit)

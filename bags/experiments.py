@@ -1,17 +1,16 @@
-"""The recordings: what is grasped, how the fingers move, when it is scanned."""
+"""The recordings: what is grasped, by which programme, seen from where, and what it is not."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-from bags import settings, solid_ball
+from bags import programmes, settings
 from bags.scanner import Scanner, View
 from bags.session import Session
 from bags.stage import Imperfections, Setting
 
 SMALL_SCANS = Scanner(most_points=30000)
-TIME_LAPSE = 60.0
 ELASTIC = 'The rubber is elastic: no relaxation, no felt.'
 NO_SCAN_TIME = (
     'A real scan of ten views takes twenty minutes or more, in which the gauges drift; here it '
@@ -61,130 +60,6 @@ CAN_VIEWS = _views(
 )  # fmt: skip
 
 
-def paper_loads(session: Session) -> None:
-    """Tare, scan the undeformed ball, then the published loads, each held and scanned."""
-    session.hold(1.4)
-    session.scan('undeformed')
-    session.hold(0.2)
-    for number, row in enumerate(solid_ball.published_rows('tennis_ball')):
-        session.move_to(row['force_n'], 3.5 if number == 0 else 2.0)
-        with session.held(row['force_n'], published_row=row['row']):
-            session.hold(1.5)
-            session.scan('held')
-            session.hold(1.5)
-    session.move_to(0.0, 3.0)
-    session.hold(0.5)
-
-
-def paper_can(session: Session) -> None:
-    """Tare, scan the undeformed half can, press it with the published force, scan, let go."""
-    (row,) = solid_ball.published_rows('half_soda_can')
-    session.hold(1.4)
-    session.scan('undeformed')
-    session.hold(0.2)
-    session.move_to(row['force_n'], 4.0)
-    with session.held(row['force_n'], published_row=row['row']):
-        session.hold(1.5)
-        session.scan('held')
-        session.hold(1.5)
-    session.move_to(0.0, 3.0)
-    session.hold(0.5)
-
-
-def loads(*forces: float) -> Callable[[Session], None]:
-    """A programme: scan undeformed, then hold and scan every force."""
-
-    def programme(session: Session) -> None:
-        session.hold(1.4)
-        session.scan('undeformed')
-        session.hold(0.2)
-        for force in forces:
-            session.move_to(force, 3.0)
-            with session.held(force):
-                session.hold(1.0)
-                session.scan('held')
-                session.hold(1.0)
-        session.move_to(0.0, 3.0)
-        session.hold(0.5)
-
-    return programme
-
-
-def fast_squeezes(session: Session) -> None:
-    """Squeezes and releases from one second down to a tenth, with short holds between."""
-    session.hold(1.4)
-    session.scan('undeformed')
-    for seconds in (1.0, 0.5, 0.25, 0.15, 0.1):
-        session.move_to(16.0, seconds)
-        with session.held(16.0):
-            session.hold(0.5)
-        session.move_to(0.0, seconds)
-        session.hold(0.7)
-    session.scan('undeformed')
-    session.hold(0.3)
-
-
-def slide_and_regrasp(session: Session) -> None:
-    """Squeeze, let the ball slip 12 degrees under the pins, let go, grasp it turned by 30."""
-    session.hold(1.4)
-    session.scan('undeformed')
-    session.move_to(12.0, 3.0)
-    with session.held(12.0):
-        session.hold(0.8)
-        session.scan('held')
-        session.hold(0.7)
-    session.slide((0.0, 1.0, 0.0), 12.0, 2.0)
-    with session.held(12.0, after='a slip of 12 degrees about y'):
-        session.hold(0.8)
-        session.scan('held')
-        session.hold(0.7)
-    session.move_to(0.0, 2.0)
-    session.hold(0.5)
-    session.slide((0.0, 0.0, 1.0), 30.0, 1.0)
-    session.hold(0.5)
-    session.move_to(17.0, 3.0)
-    with session.held(17.0, after='a turn of 30 degrees about z while free'):
-        session.hold(0.8)
-        session.scan('held')
-        session.hold(0.7)
-    session.move_to(0.0, 2.5)
-    session.hold(0.3)
-
-
-def drift(session: Session) -> None:
-    """Five squeezes in what the gauges take for half an hour; free for a while between them."""
-    session.hold(1.4)
-    session.scan('undeformed')
-    session.stage.time_lapse = TIME_LAPSE
-    for number in range(5):
-        session.move_to(10.631249660472593, 1.0)
-        with session.held(10.631249660472593):
-            session.hold(3.0)
-            if number == 4:
-                session.scan('held')
-        session.move_to(0.0, 1.0)
-        session.hold(1.0)
-
-
-def saturation(session: Session) -> None:
-    """Past the end of the gauges and back: 255 counts, then a force that can be trusted again."""
-    session.hold(1.4)
-    session.scan('undeformed')
-    session.move_to(16.0, 3.0)
-    with session.held(16.0):
-        session.hold(1.5)
-    session.move_to(31.0, 3.0)
-    with session.held(31.0, gauge='at its end'):
-        session.hold(1.0)
-        session.scan('held')
-        session.hold(1.0)
-    session.move_to(16.0, 2.0)
-    with session.held(16.0, after='saturation'):
-        session.hold(1.5)
-    session.move_to(0.0, 2.5)
-    session.hold(0.5)
-
-
 TENNIS_BALL = Experiment(
     name='tennis_ball_two_finger',
     title='A tennis ball between two pins at the four published loads',
@@ -192,7 +67,7 @@ TENNIS_BALL = Experiment(
     frame='origin at the centre; x along the pins from finger 1 to finger 2',
     seed=9,
     setting=settings.ball_between_two_pins,
-    programme=paper_loads,
+    programme=programmes.published_loads('tennis_ball', first_s=3.5),
     views=BALL_VIEWS,
     story=(
         'Fingers 1 and 2 of a BarrettHand BH8-262 squeeze a ball of 65 mm between two pins of '
@@ -206,6 +81,9 @@ TENNIS_BALL = Experiment(
     ),
 )
 
+# The other recordings of the ball between two pins differ in programme and words.
+SMALL_BALL = replace(TENNIS_BALL, scanner=SMALL_SCANS)
+
 HALF_CAN = Experiment(
     name='half_soda_can',
     title='Half a soda can under one pin at the published load',
@@ -213,7 +91,7 @@ HALF_CAN = Experiment(
     frame='origin on the axis at half length; z along the can, crown at +y',
     seed=3,
     setting=settings.half_can_under_one_pin,
-    programme=paper_can,
+    programme=programmes.published_loads('half_soda_can', first_s=4.0),
     views=CAN_VIEWS,
     story=(
         'Finger 3 presses the crown of half a drinks can (outer diameter 66 mm, length 120 mm, '
@@ -236,7 +114,7 @@ THREE_FINGERS = Experiment(
     frame='origin at the centre; contacts at 0 (finger 3), 120 (1) and 240 degrees (2) about z',
     seed=11,
     setting=settings.ball_between_three_pins,
-    programme=loads(6.0, 11.0, 16.0),
+    programme=programmes.loads(6.0, 11.0, 16.0),
     views=RING_VIEWS,
     story=(
         'All three fingers, spread by 60 degrees, squeeze the ball on its equator, 120 degrees '
@@ -252,29 +130,23 @@ THREE_FINGERS = Experiment(
     scanner=SMALL_SCANS,
 )
 
-FAST = Experiment(
+FAST = replace(
+    SMALL_BALL,
     name='fast_squeeze_release',
     title='A tennis ball squeezed and released faster and faster',
-    object_name='tennis_ball',
-    frame=TENNIS_BALL.frame,
     seed=5,
-    setting=settings.ball_between_two_pins,
-    programme=fast_squeezes,
-    views=BALL_VIEWS,
+    programme=programmes.fast_squeezes,
     story='Five squeezes to 16 N and back, in 1, 0.5, 0.25, 0.15 and 0.1 s each way.',
     caveats=('Quasi-static truth: no inertia, no damping.', ELASTIC),
-    scanner=SMALL_SCANS,
 )
 
-REGRASP = Experiment(
+REGRASP = replace(
+    SMALL_BALL,
     name='regrasp_sliding',
     title='A tennis ball that slips under the pins and is grasped again',
-    object_name='tennis_ball',
     frame='origin at the centre; x along the pins at the first touch, then it slips',
     seed=6,
-    setting=settings.ball_between_two_pins,
-    programme=slide_and_regrasp,
-    views=BALL_VIEWS,
+    programme=programmes.slide_and_regrasp,
     story=(
         'At 12 N the ball turns by 12 degrees about y under the pins, so that both contacts slide '
         'over it. It is let go, turned by 30 degrees about z and grasped again with 17 N.'
@@ -285,7 +157,6 @@ REGRASP = Experiment(
         'Sliding without friction: the dents stay under the pins and the force along them.',
         'The turn of the ball in `object_pose` is the true one, as a camera would give it.',
     ),
-    scanner=SMALL_SCANS,
 )
 
 CUP = Experiment(
@@ -295,7 +166,7 @@ CUP = Experiment(
     frame='origin at the centre of the foot; z along the axis, contacts at +-75 degrees from x',
     seed=12,
     setting=settings.cup_between_two_pins,
-    programme=loads(2.0, 4.0, 6.5),
+    programme=programmes.loads(2.0, 4.0, 6.5),
     views=RING_VIEWS,
     story=(
         'Fingers 1 and 2, spread by 75 degrees, press a thin cup of free-form profile with its '
@@ -310,39 +181,31 @@ CUP = Experiment(
     scanner=SMALL_SCANS,
 )
 
-DRIFT = Experiment(
+DRIFT = replace(
+    SMALL_BALL,
     name='gauge_drift',
     title='Half an hour of gauge drift in half a minute',
-    object_name='tennis_ball',
-    frame=TENNIS_BALL.frame,
     seed=7,
-    setting=settings.ball_between_two_pins,
-    programme=drift,
-    views=BALL_VIEWS,
+    programme=programmes.drift,
     story=(
         'After the tare the gauges live sixty times as fast as the stamps: warm-up and random '
         'walk of half an hour in 30 s. Five squeezes to 10.63 N, the hand free between them.'
     ),
     caveats=('Time-lapse: the drift per second of stamp is sixty times the real one.', ELASTIC),
-    scanner=SMALL_SCANS,
-    facts={'gauge_time_lapse': TIME_LAPSE},
+    facts={'gauge_time_lapse': programmes.TIME_LAPSE},
 )
 
-SATURATION = Experiment(
+SATURATION = replace(
+    SMALL_BALL,
     name='gauge_saturation',
     title='A squeeze past the end of the gauges',
-    object_name='tennis_ball',
-    frame=TENNIS_BALL.frame,
     seed=4,
-    setting=settings.ball_between_two_pins,
-    programme=saturation,
-    views=BALL_VIEWS,
+    programme=programmes.saturation,
     story=(
         'Up to 31 N per finger and back. The 8-bit gauges, whose zeros lie high, end at 255 '
         'counts: the force is then unknown, the encoders still tell the separation of the pins.'
     ),
     caveats=('Nothing protects this hand from overload.', ELASTIC),
-    scanner=replace(SMALL_SCANS),
 )
 
 EXPERIMENTS = {

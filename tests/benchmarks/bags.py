@@ -1,11 +1,13 @@
-"""Figures of the bag tools: reading, memory, damage, replay. `python tests/benchmarks/bags.py`.
+"""Figures of the bag tools. `python tests/benchmarks/bags.py [reading memory ...] [--long]`.
 
-`--long` reads a bag of 1 GB and makes 100 000 mutations instead of 100 MB and 2 000.
+`--long` reads a bag of 1 GB, makes 100 000 mutations, 20 reports and 10 live runs, where the short
+form takes 200 MB, 2 000, 3 and 1.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import random
@@ -14,11 +16,16 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[2] / 'ros2_ws/src/grasp_replay/test'))
+ROOT = Path(__file__).parents[2]
+BIN = Path(sys.executable).parent
+BALL = ROOT / 'bags' / 'tennis_ball_two_finger'
+CAN = ROOT / 'bags' / 'half_soda_can'
+sys.path += [str(ROOT / 'ros2_ws/src/grasp_replay/test'), str(ROOT / 'tests')]
 
+import demo  # noqa: E402
 from bag_damage import damage, original, recovered, untouched  # noqa: E402
 from bag_samples import write_strings  # noqa: E402
 
@@ -145,26 +152,19 @@ print(len(seen), seen == sorted(seen))
 
 def replaying(folder: Path, seconds: int) -> Iterator[Row]:
     """Lateness and loss of `replay` at rate 1 with 1 000 messages per second."""
-    environment = {
-        **os.environ,
-        'ROS_DOMAIN_ID': '99',
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    }
     count = 1000 * seconds
     bag_path = write_wrenches(folder / 'stream', count, 1000.0)
     listener = subprocess.Popen(
         [sys.executable, '-c', LISTENER, str(count)],
         stdout=subprocess.PIPE,
         text=True,
-        env=environment,
     )
     try:
         done = subprocess.run(
-            [Path(sys.executable).parent / 'replay', bag_path, '--wait-for', '/w', '--json'],
+            [BIN / 'replay', bag_path, '--wait-for', '/w', '--json'],
             check=True,
             capture_output=True,
             text=True,
-            env=environment,
             timeout=120,
         )
         arrived, ordered = listener.communicate(timeout=120)[0].split()
@@ -187,11 +187,9 @@ def offline() -> Iterator[Row]:
     from grasp_replay.sample_trace import trace_samples
     from grasp_replay.theories import theory_set
 
-    bag_path = Path(__file__).parents[2] / 'bags' / 'tennis_ball_two_finger'
-
     def solve_all() -> float:
-        recording = read_recording(bag_path)
-        held = [h.contacts for h in holds_of(recording, read_experiment(bag_path)) if h.contacts]
+        recording = read_recording(BALL)
+        held = [h.contacts for h in holds_of(recording, read_experiment(BALL)) if h.contacts]
         shell = theory_set('tennis_ball', held[0].point, float(held[0].radius.min()))
         trace_samples(recording, shell)
         state = None
@@ -210,7 +208,7 @@ def offline() -> Iterator[Row]:
             '>= 10 x' if attempt == 'warm' else '',
         )
     cpu = time.process_time()
-    run(bag_path, PipelineOptions())
+    run(BALL, PipelineOptions())
     cpu = time.process_time() - cpu
     yield (
         'offline, three theories, fit and comparison with every scan',
@@ -223,9 +221,8 @@ def throughput(folder: Path) -> Iterator[Row]:
     """Eight tasks on one and on two processes, the start of the workers left out."""
     from grasp_replay.campaign import Task, run_campaign
 
-    bag_path = Path(__file__).parents[2] / 'bags' / 'tennis_ball_two_finger'
     tasks = [
-        Task(bag_path, (('young_modulus_pa', 12e6 + 1e5 * k),), None, 'object', False, True)
+        Task(BALL, (('young_modulus_pa', 12e6 + 1e5 * k),), None, 'object', False, True)
         for k in range(9)
     ]
     seconds = {}
@@ -246,23 +243,67 @@ def throughput(folder: Path) -> Iterator[Row]:
     )
 
 
-def rows(long: bool = False) -> Iterator[Row]:
-    """Every figure as (what, value, goal)."""
+def identical(folder: Path, runs: int) -> Iterator[Row]:
+    """`results.json` of the ball and the can, on one, two and three processes in turn."""
+    digests: dict[str, set[str]] = {}
+    for number in range(runs):
+        out = folder / f'run_{number}'
+        subprocess.run(
+            [BIN / 'grasp_report', BALL, CAN, '--out', out, '--no-page', '--no-samples']
+            + ['--processes', str(1 + number % 3)],
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
+        for file in out.glob('*/results.json'):
+            digest = hashlib.sha256(file.read_bytes()).hexdigest()
+            digests.setdefault(file.parent.name, set()).add(digest)
+    for name, found in sorted(digests.items()):
+        what = f'results.json of {name[: name.rindex("_")]}, {runs} runs on 1 to 3 processes'
+        yield what, f'{len(found)} different', '1'
+
+
+def live(runs: int) -> Iterator[Row]:
+    """The ball at rate 1 through replay, deformation and scan comparison as processes."""
+    summaries = [demo.live(BALL, 1.0) for _ in range(runs)]
+    what = f'{runs} live runs of {summaries[0]["contacts"]} samples at rate 1'
+    lost = ' '.join(str(summary['lost']) for summary in summaries)
+    compared = sum(summary['compared'] for summary in summaries)
+    yield f'{what}: lost', lost, '0'
+    yield f'{what}: scans compared', str(compared), str(runs * summaries[0]['scans'])
+
+
+def checks(folder: Path, long: bool) -> dict[str, Callable[[], Iterator[Row]]]:
+    """The figures by name."""
+    return {
+        'reading': lambda: reading(folder),
+        'replaying': lambda: replaying(folder, 30 if long else 10),
+        'mutations': lambda: mutations(folder, 100_000 if long else 2000),
+        'memory': lambda: memory(folder, long),
+        'offline': offline,
+        'throughput': lambda: throughput(folder),
+        'identical': lambda: identical(folder, 20 if long else 3),
+        'live': lambda: live(10 if long else 1),
+    }
+
+
+def rows(names: Sequence[str] = (), long: bool = False) -> Iterator[Row]:
+    """The figures (all without names) as (what, value, goal)."""
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        yield from reading(folder)
-        yield from replaying(folder, 30 if long else 10)
-        yield from mutations(folder, 100_000 if long else 2000)
-        yield from memory(folder, long)
-        yield from offline()
-        yield from throughput(folder)
+        every = checks(Path(name), long)
+        for wanted in names or every:
+            yield from every[wanted]()
 
 
 def main(arguments: Sequence[str] = ()) -> None:
     """Print the figures, tab-separated."""
     parser = argparse.ArgumentParser(description=__doc__)
+    names = list(checks(Path(), False))
+    parser.add_argument('names', nargs='*', help=f'which figures: {", ".join(names)}')
     parser.add_argument('--long', action='store_true', help='the full figures (minutes)')
-    for row in rows(parser.parse_args(arguments).long):
+    options = parser.parse_args(arguments)
+    if unknown := sorted(set(options.names) - set(names)):
+        parser.error(f'no figure {", ".join(unknown)}; there are {", ".join(names)}')
+    for row in rows(options.names, options.long):
         print('\t'.join(row), flush=True)
 
 

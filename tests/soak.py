@@ -1,7 +1,7 @@
 """`make soak`: the long form of the checks that `make test` runs short; the table goes to docs/.
 
 10^6 mutations, ten-minute runs, 200 seeds: hours on two cores. `soak.py hand scan` runs only
-those.
+those. The figures that they print stand below the table.
 """
 
 import os
@@ -29,26 +29,43 @@ CHECKS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 
 
+def run(arguments: tuple[str, ...]) -> tuple[int, list[str]]:
+    """Run one check; returns its exit code and what it printed, which is shown as it comes."""
+    with subprocess.Popen(
+        [sys.executable, *arguments],
+        cwd=ROOT,
+        env={**os.environ, 'SOAK': '1', 'PYTHONUNBUFFERED': '1'},
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        printed = []
+        for line in process.stdout:
+            print(line, end='', flush=True)
+            printed.append(line.rstrip())
+    return process.returncode, printed
+
+
 def main() -> int:
-    """Run the wanted checks and write their table; 1 if one failed."""
+    """Run the wanted checks and write their table and figures; 1 if one failed."""
     wanted = sys.argv[1:] or list(CHECKS)
     unknown = sorted(set(wanted) - set(CHECKS))
     if unknown:
         print(f'no check {", ".join(unknown)}; there are {", ".join(CHECKS)}')
         return 2
     lines = ['# Long checks', '', '| check | seconds | result |', '|---|---:|---|']
+    figures: list[str] = []
     failed = False
     for name in wanted:
         title, arguments = CHECKS[name]
         print(f'== {name}: {title}', flush=True)
         start = time.monotonic()
-        done = subprocess.run(
-            [sys.executable, *arguments], cwd=ROOT, env={**os.environ, 'SOAK': '1'}, check=False
-        )
-        failed |= done.returncode != 0
-        result = 'passed' if done.returncode == 0 else f'failed ({done.returncode})'
+        code, printed = run(arguments)
+        failed |= code != 0
+        result = 'passed' if code == 0 else f'failed ({code})'
         lines.append(f'| {title} | {time.monotonic() - start:.0f} | {result} |')
-        TABLE.write_text('\n'.join([*lines, '']))
+        figures += ['', f'## {title}', '', '```', *printed, '```']
+        TABLE.write_text('\n'.join([*lines, *figures, '']))
     print(f'table in {TABLE}')
     return int(failed)
 

@@ -46,8 +46,10 @@ NO_GAUGE_COUNTS = 255
 # HSG from 255 on never acts.
 HIGHEST_LIMIT = 254
 NO_LIMIT = 256
-PATIENCE_S = 2.0
-LATE_PERIODS = 2.8
+# How long a late block is waited for before the hand is looked for again.
+PATIENCE_S = 1.0
+# What is late after so many cycles is published as stale before the third one is over.
+LATE_PERIODS = 2.5
 
 
 def open_port(name: str) -> Port:
@@ -84,7 +86,7 @@ class SerialHand:
 
         `prefetch`: ask for the next block as soon as one is complete, so that it travels while the
         last one is digested; commands then take effect one cycle later. `late_s`: wall time after
-        which an answer is called late; None: just under three cycles of the line.
+        which an answer is called late; None: `LATE_PERIODS` cycles of the line.
 
         `servo_sample_s`: the period to which the hand's velocities in counts per sample refer.
         `feedback`: what every block brings, of `realtime.FEEDBACK`.

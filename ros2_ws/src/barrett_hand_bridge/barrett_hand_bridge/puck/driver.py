@@ -48,8 +48,8 @@ REFRESH_CYCLES = 25
 # How long to wait for an answer each time that it is asked for again, and for the bus to be quiet.
 RETRIES_S = (0.1, 0.2, 0.7)
 QUIET_S = 0.003
-# Under three periods of the 500 cycles per second that this driver promises.
-LATE_S = 0.0055
+# Published as stale before three periods of the promised 500 cycles per second are over.
+LATE_S = 0.005
 # Two group requests, four gauge and four position replies: 47 bits and 8 per byte at 1 Mbit/s.
 CYCLE_WIRE_S = 806e-6
 

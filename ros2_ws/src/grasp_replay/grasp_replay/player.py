@@ -17,6 +17,7 @@ from grasp_replay.lockstep import Lockstep
 from grasp_replay.read_ahead import ReadAhead
 from grasp_replay.replay_core import Control, Tally, Verdict, latched_before
 from grasp_replay.replay_options import ReplayOptions
+from grasp_replay.topic_selection import listed
 
 # A wait longer than this is interrupted by services; the rest is slept through.
 SHORT_WAIT = 0.002
@@ -81,7 +82,7 @@ class Player:
         required = set(self.options.wait_for)
         unknown = required - set(self._names.values())
         if unknown:
-            raise BagError(f'--wait-for {", ".join(sorted(unknown))} is not among the topics sent')
+            raise BagError(f'--wait-for {listed(unknown)} is not among the topics sent')
         deadline = time.monotonic() + self.options.wait
         while self.stage.alive():
             missing = {self._names[name] for name in self.stage.senders.unmatched()}
@@ -90,7 +91,7 @@ class Player:
             if time.monotonic() >= deadline:
                 if required:
                     raise BagError(
-                        f'nobody listened to {", ".join(sorted(missing & required))} within '
+                        f'nobody listened to {listed(missing & required)} within '
                         f'{self.options.wait:g} s'
                     )
                 break

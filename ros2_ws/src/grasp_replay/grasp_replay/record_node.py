@@ -8,6 +8,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from grasp_replay.errors import BagError
 from grasp_replay.messages import diagnostics, from_endpoint, message_class, type_hash
 from grasp_replay.progress import status_line
 from grasp_replay.qos import common_offer, qos_text
-from grasp_replay.ros_arguments import split_ros_arguments
+from grasp_replay.ros_arguments import WRONG_ROS_ARGUMENTS, split_ros_arguments
 from grasp_replay.topic_selection import TopicSelection
 
 DISCOVERY_PERIOD = 0.1
@@ -36,22 +37,26 @@ SUBSCRIPTION_DEPTH = 1000
 
 
 class RecordNode(Node):
-    """Subscribes to the wanted topics as they appear and writes their bytes unread."""
+    """Subscribes to the wanted topics as they appear and writes their bytes unread.
+
+    Raises BagError when the bag `directory` cannot be made.
+    """
 
     def __init__(
-        self, writer: BagWriter, selection: TopicSelection, log_time_from: str, sim_time: bool
+        self, directory: Path, selection: TopicSelection, options: argparse.Namespace
     ) -> None:
-        super().__init__('record', parameter_overrides=[Parameter('use_sim_time', value=sim_time)])
-        self.writer = writer
+        sim_time = Parameter('use_sim_time', value=options.use_sim_time)
+        super().__init__('record', parameter_overrides=[sim_time])
+        self.writer = BagWriter(directory, compression=options.compression)
         self.lost = 0
         self.failure: BagError | None = None
         self._selection = selection
-        self._log_time_from = log_time_from
+        self._log_time_from = options.time
         self._refused: set[str] = set()
         self._topics: dict[str, int] = {}
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DISCOVERY_PERIOD, self._discover, clock=steady)
-        self.create_timer(FLUSH_PERIOD, self._guarded(writer.flush), clock=steady)
+        self.create_timer(FLUSH_PERIOD, self._guarded(self.writer.flush), clock=steady)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=steady)
         self._discover()
@@ -195,6 +200,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BagError as error:
         print(f'record: {error}', file=sys.stderr)
         return 1
+    except WRONG_ROS_ARGUMENTS as error:
+        print(f'record: {error}', file=sys.stderr)
+        return 2
 
 
 def _record(
@@ -203,31 +211,21 @@ def _record(
     options: argparse.Namespace,
     ros_arguments: list[str],
 ) -> int:
-    rclpy.init(args=['record', *ros_arguments])
-    writer = BagWriter(directory, compression=options.compression)
-    node = RecordNode(writer, selection, options.time, options.use_sim_time)
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    start = time.monotonic()
-    print(f'recording into {directory}', file=sys.stderr, flush=True)
     try:
-        with status_line() as show:
-            while node.failure is None and rclpy.ok():
-                elapsed = time.monotonic() - start
-                if options.duration is not None and elapsed >= options.duration:
-                    break
-                show(
-                    f'{elapsed:7.1f} s  {node.topic_count} topics  '
-                    f'{writer.message_count} messages  {writer.size / 1e6:.1f} MB'
-                )
-                executor.spin_once(timeout_sec=0.1)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        rclpy.init(args=['record', *ros_arguments])
+        node = RecordNode(directory, selection, options)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        print(f'recording into {directory}', file=sys.stderr, flush=True)
+        try:
+            _spin(node, executor, options.duration)
+        finally:
+            node.writer.close()
+            executor.shutdown()
+            node.destroy_node()
     finally:
-        writer.close()
-        executor.shutdown()
-        node.destroy_node()
         rclpy.try_shutdown()
+    writer = node.writer
     summary = {
         'bag': str(directory),
         'topics': node.topic_count,
@@ -246,6 +244,21 @@ def _record(
     if node.failure is not None:
         raise node.failure
     return 0
+
+
+def _spin(node: RecordNode, executor: SingleThreadedExecutor, duration: float | None) -> None:
+    """Record until a signal, a failure, or `duration` s are over."""
+    start = time.monotonic()
+    with status_line() as show, suppress(KeyboardInterrupt, ExternalShutdownException):
+        while node.failure is None and rclpy.ok():
+            elapsed = time.monotonic() - start
+            if duration is not None and elapsed >= duration:
+                break
+            show(
+                f'{elapsed:7.1f} s  {node.topic_count} topics  '
+                f'{node.writer.message_count} messages  {node.writer.size / 1e6:.1f} MB'
+            )
+            executor.spin_once(timeout_sec=0.1)
 
 
 if __name__ == '__main__':

@@ -16,6 +16,7 @@ from grasp_replay.bag_reader import bag_files, open_bag, read_metadata
 from grasp_replay.cdr import header_stamp
 from grasp_replay.errors import BagError
 from grasp_replay.point_cloud import cloud_columns, matrix
+from grasp_replay.topic_selection import listed
 from shell_deform.live.pose import IDENTITY, Pose, PoseError, pose_of
 from shell_deform.live.sample import ContactSample
 
@@ -73,9 +74,7 @@ def read_recording(path: Path) -> Recording:
         }
         for kind, name in (('contacts', CONTACTS), ('scans', SCANS)):
             if topics[kind] is None:
-                raise BagError(
-                    f'{path} has no topic {name}; it has {", ".join(sorted(bag.topics))}'
-                )
+                raise BagError(f'{path} has no topic {name}; it has {listed(bag.topics)}')
         samples: list[ContactSample] = []
         scans: list[RecordedScan] = []
         poses: list[tuple[int, Pose]] = []

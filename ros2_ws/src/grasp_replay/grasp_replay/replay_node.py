@@ -27,8 +27,9 @@ from grasp_replay.progress import progress_bar
 from grasp_replay.replay_core import Control, Pace
 from grasp_replay.replay_options import ReplayOptions, parse_options
 from grasp_replay.replay_panel import ReplayPanel
-from grasp_replay.ros_arguments import split_ros_arguments
+from grasp_replay.ros_arguments import WRONG_ROS_ARGUMENTS, split_ros_arguments
 from grasp_replay.senders import Senders
+from grasp_replay.topic_selection import listed
 
 # The publishing thread takes turns with reading ahead and with the services at this period.
 SWITCH_SECONDS = 0.0005
@@ -66,8 +67,7 @@ class ReplayNode(Node):
                     missing.discard(topic)
             if missing and time.monotonic() > deadline:
                 raise BagError(
-                    f'nobody answers on {", ".join(sorted(missing))}: no publisher within '
-                    f'{seconds:g} s'
+                    f'nobody answers on {listed(missing)}: no publisher within {seconds:g} s'
                 )
             time.sleep(0.01)
 
@@ -93,6 +93,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BagError as error:
         print(f'replay: {error}', file=sys.stderr)
         return 1
+    except WRONG_ROS_ARGUMENTS as error:
+        print(f'replay: {error}', file=sys.stderr)
+        return 2
 
 
 def _replay(bag: Bag, options: ReplayOptions, ros_arguments: list[str]) -> int:
@@ -137,7 +140,7 @@ def _play(player: Player, options: ReplayOptions) -> int:
     try:
         alone = player.wait_for_listeners()
         if alone:
-            print(f'replay: nobody listens to {", ".join(alone)}', file=sys.stderr)
+            print(f'replay: nobody listens to {listed(alone)}', file=sys.stderr)
         if options.delay:
             time.sleep(options.delay)
         with progress_bar('replay', 1.0) as show:

@@ -100,7 +100,7 @@ class ReplayPanel:
         return SetParametersResult(successful=True)
 
     def _seconds(self, log_time: int) -> float:
-        return (log_time - self._origin) * 1e-9
+        return (log_time - self._origin) / 1e9
 
     def _service(self, action: Callable[[], str]) -> Callable[..., Trigger.Response]:
         def serve(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

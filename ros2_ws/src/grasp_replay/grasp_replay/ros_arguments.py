@@ -8,6 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.impl.implementation_singleton import rclpy_implementation
+
+# What rclpy raises for them when it starts or a node declares its parameters.
+WRONG_ROS_ARGUMENTS = (
+    rclpy_implementation.UnknownROSArgsError,
+    rclpy_implementation.RCLInvalidROSArgsError,
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+)
+
 
 def split_ros_arguments(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     """The program's own arguments, and those for `rclpy.init`."""

@@ -28,6 +28,7 @@ from grasp_replay.qos import QosProfile, common_offer, parse_qos_text
 from grasp_replay.replay_core import large_topics, refusal
 from grasp_replay.replay_options import ReplayOptions
 from grasp_replay.ros_types import type_differs
+from grasp_replay.topic_selection import listed
 
 
 class Senders:
@@ -46,6 +47,8 @@ class Senders:
         self._publishers: dict[str, Publisher] = {}
         self.names: dict[str, str] = {}
         chosen = options.choice.topics(bag)
+        if not chosen:
+            raise BagError(f'{bag.path} has none of the topics chosen, but {listed(bag.topics)}')
         kinds = {}
         for name, topic in sorted(chosen.items()):
             reason = refusal(topic) or type_differs(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 
@@ -42,3 +43,10 @@ class TopicSelection:
 def absolute(topic: str) -> str:
     """The topic name with its leading slash."""
     return topic if topic.startswith('/') else f'/{topic}'
+
+
+def listed(topics: Iterable[str], most: int = 12) -> str:
+    """Topic names in their order for a sentence, `most` of them and the number of the others."""
+    names = sorted(topics)
+    more = f' and {len(names) - most} more' if len(names) > most else ''
+    return ', '.join(names[:most]) + more

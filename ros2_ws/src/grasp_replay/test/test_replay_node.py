@@ -322,6 +322,40 @@ def test_a_type_that_has_changed_since_is_named_and_left_out(start: Any) -> None
     assert '/rosout is not replayed: its rcl_interfaces/msg/Log was defined' in replay.text
 
 
+@pytest.mark.parametrize(
+    ('arguments', 'reason'),
+    [
+        (('-p', 'rate:=-1.0'), 'rate out of range Min: 0.001, Max: 1000.0, value: -1.0'),
+        (('-p', 'position_s:=99.0'), 'position_s out of range Min: 0.0, Max: 0.016'),
+        (('-p', 'rate:=fast'), "'rate' to 'fast' of type 'STRING', expecting type 'DOUBLE'"),
+        (('--nonsense',), 'nonsense'),
+    ],
+)
+def test_wrong_ros_arguments_are_one_sentence(
+    start: Any, tmp_path: Path, arguments: tuple[str, ...], reason: str
+) -> None:
+    bag = write_wrenches(tmp_path / 'bag', 5)
+    replay = start('replay', bag, '--wait', 0, '--ros-args', *arguments)
+    assert replay.process.wait(30) == 2
+    assert reason in replay.text
+    assert 'Traceback' not in replay.text
+
+
+def test_a_recording_that_cannot_begin_leaves_nothing_behind(start: Any, tmp_path: Path) -> None:
+    record = start('record', '/w', '--output', tmp_path / 'bag', '--ros-args', '--nonsense')
+    assert record.process.wait(30) == 2
+    assert 'Traceback' not in record.text
+    assert not (tmp_path / 'bag').exists()
+
+
+def test_topics_that_the_bag_lacks_are_refused_with_those_it_has(
+    start: Any, tmp_path: Path
+) -> None:
+    replay = start('replay', write_wrenches(tmp_path / 'bag', 5), '--topics', '/v')
+    assert replay.process.wait(30) == 1
+    assert replay.text.endswith('has none of the topics chosen, but /w\n')
+
+
 def test_a_missing_bag_is_one_sentence(start: Any, tmp_path: Path) -> None:
     replay = start('replay', tmp_path / 'nothing')
     assert replay.process.wait(30) == 1

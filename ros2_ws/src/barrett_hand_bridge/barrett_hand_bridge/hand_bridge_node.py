@@ -100,6 +100,10 @@ class HandBridge(LifecycleNode):
             paced_by_ticks=values['poll_period'] > 0.0,
         )
         self._make_interfaces(self._worker)
+        where = (
+            port if values['backend'] != 'can' else f'{values["interface"]} {values["channel"]}'
+        )
+        self.get_logger().info(f'looking for a hand on {where}')
         self._worker.start()
         return TransitionCallbackReturn.SUCCESS
 

@@ -222,11 +222,20 @@ def test_top_10_touch_frames_arrive_in_whole_newtons(bench):
     assert sample.tactile_n_per_cm2[3][23] == 6.0
 
 
+def test_the_hottest_motor_controller_is_told_of(bench):
+    hand, emulated = bench(faults=[Fault('hot', math.inf, 0)])
+    hand.connect()
+    hand.initialize()
+    assert max(hand.sample(None).temperature_c or 0 for _ in range(3)) == 32
+    hand.strike()
+    assert any(hand.sample(None).temperature_c == 70 for _ in range(3000))
+
+
 def test_strain_limits_reach_the_pucks(bench):
     hand, emulated = bench()
     hand.connect()
     hand.limit_force({1: 3000, 2: None, 3: 2500})
-    hand._get(1, 'STAT')
+    hand._pucks.get(1, 'STAT')
     assert [emulated.pucks[finger].values[71] for finger in (1, 2, 3)] == [3000, 0, 2500]
 
 

@@ -108,24 +108,15 @@ def test_an_unplugged_line_fails_with_a_reason_and_works_again_when_plugged(
     hand.close()
 
 
-def test_a_killed_owner_of_the_line_leaves_no_moving_finger(start, wait_until):
-    """The guard process sends Ctrl-C when the process that drives the hand is killed."""
-    emulator = start('hand_emulator', '--json', '--unpaced')
-    port = where(emulator)
+def kill_while_closing(driver):
+    """Run a driver in a process that closes finger 1 slowly, and kill it on the way."""
     script = (
-        'import sys\n'
-        'from barrett_hand_bridge.gcl.driver import SerialHand, open_port\n'
-        'from barrett_hand_bridge.stop_guard import guard_serial\n'
-        'hand = SerialHand(lambda: open_port(sys.argv[1]),'
-        ' guard=lambda line: guard_serial(line.fileno()))\n'
-        'hand.connect()\n'
+        driver + 'hand.connect()\n'
         'hand.initialize()\n'
         'while True:\n'
         '    print(hand.sample({1: 0.05}).finger_counts[0], flush=True)\n'
     )
-    owner = subprocess.Popen(
-        [sys.executable, '-c', script, port], stdout=subprocess.PIPE, text=True
-    )
+    owner = subprocess.Popen([sys.executable, '-c', script], stdout=subprocess.PIPE, text=True)
     try:
         while int(owner.stdout.readline()) < 200:
             continue
@@ -133,6 +124,18 @@ def test_a_killed_owner_of_the_line_leaves_no_moving_finger(start, wait_until):
         owner.send_signal(signal.SIGKILL)
         owner.wait()
         owner.stdout.close()
+
+
+def test_a_killed_owner_of_the_line_leaves_no_moving_finger(start, wait_until):
+    """The guard process sends Ctrl-C when the process that drives the hand is killed."""
+    emulator = start('hand_emulator', '--json', '--unpaced')
+    port = where(emulator)
+    kill_while_closing(
+        'from barrett_hand_bridge.gcl.driver import SerialHand, open_port\n'
+        'from barrett_hand_bridge.stop_guard import guard_serial\n'
+        f'hand = SerialHand(lambda: open_port({port!r}),'
+        ' guard=lambda line: guard_serial(line.fileno()))\n'
+    )
     # The guard holds the line until it has stopped the hand.
     lines = []
 
@@ -159,6 +162,28 @@ def test_a_killed_owner_of_the_line_leaves_no_moving_finger(start, wait_until):
         positions.append(line.read_until(b'=> ').split()[2])
     line.close()
     assert positions[0] == positions[1]
+
+
+def test_a_killed_owner_of_the_bus_leaves_no_moving_finger(start, free_port, wait_until):
+    """The guard process idles all motors when the process that drives the hand is killed."""
+    where(start('hand_emulator', '--hand', '280', '--json', '--can-port', free_port))
+    kill_while_closing(
+        'from barrett_hand_bridge.puck.bus import open_bus\n'
+        'from barrett_hand_bridge.puck.driver import CanHand\n'
+        'from barrett_hand_bridge.stop_guard import guard_can\n'
+        f"line = ('udp_multicast', {GROUP!r}, {free_port})\n"
+        'hand = CanHand(lambda: open_bus(*line), guard=lambda: guard_can(*line))\n'
+    )
+    hand = CanHand(lambda: open_bus('udp_multicast', GROUP, free_port))
+    wait_until(lambda: connects(hand), 30.0)
+
+    def stands():
+        samples = cycle(hand, wait_until, 100)
+        return samples[0].finger_counts == samples[-1].finger_counts
+
+    wait_until(stands, 20.0)
+    assert 0 < cycle(hand, wait_until)[0].finger_counts[0] < 190_000
+    hand.close()
 
 
 def test_a_guard_that_is_dismissed_sends_nothing(start):

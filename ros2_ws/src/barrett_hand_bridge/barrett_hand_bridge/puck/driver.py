@@ -20,18 +20,8 @@ from barrett_hand_bridge.hand import (
     HandSample,
 )
 from barrett_hand_bridge.puck import properties
-from barrett_hand_bridge.puck.frames import (
-    GROUP_HAND,
-    GROUP_PROPERTY,
-    HOST,
-    NODES,
-    Frame,
-    FrameError,
-    decode_address,
-    decode_property,
-    get_frame,
-    set_frame,
-)
+from barrett_hand_bridge.puck.frames import NODES, FrameError
+from barrett_hand_bridge.puck.pucks import Pucks
 from barrett_hand_bridge.puck.replies import (
     HIGHEST_GAUGE_COUNT,
     MOTORS_ALL,
@@ -40,11 +30,13 @@ from barrett_hand_bridge.puck.replies import (
 )
 
 INNER_RAD_PER_COUNT = 2.0 * math.pi / 4096 / 50.0
-REPLY_S = 0.1
 WAKE_SILENCE_S = 1.0
 FINGERS_TIMEOUT_S = 6.0
 SPREAD_TIMEOUT_S = 4.0
+# A motor that has just been told to move may still call itself idle.
+STARTING_S = 0.2
 REFRESH_CYCLES = 25
+TEMPERATURE_CYCLES = 500
 # How long to wait for an answer each time that it is asked for again, and for the bus to be quiet.
 RETRIES_S = (0.1, 0.2, 0.7)
 QUIET_S = 0.003
@@ -81,8 +73,7 @@ class CanHand:
         self._late_s = late_s
         self._make_guard = guard
         self._guard: Guard | None = None
-        self._bus: can.BusABC | None = None
-        self._firmware = 0
+        self._pucks: Pucks | None = None
         self._initialised = False
         self._aborting = False
         self._asked = False
@@ -93,65 +84,10 @@ class CanHand:
         self._replies = ReplyReader()
         self.strange_frames = 0
 
-    def _number(self, name: str) -> int:
-        return properties.number(name, self._firmware)
-
-    def _send(self, frame: Frame) -> None:
-        if self._bus is None:
+    def _connected(self) -> Pucks:
+        if self._pucks is None:
             raise HandError('the hand is not connected')
-        message = can.Message(
-            arbitration_id=frame.identifier, data=frame.data, is_extended_id=False
-        )
-        try:
-            self._bus.send(message, timeout=0.1)
-        except (can.CanError, OSError, ValueError) as error:
-            raise HandError(f'the CAN bus takes no frames: {error}') from error
-
-    def _receive(self, timeout_s: float) -> Frame | None:
-        """The next frame that does not come from a host (some buses echo what one sends)."""
-        assert self._bus is not None
-        deadline = time.monotonic() + timeout_s
-        while True:
-            left = deadline - time.monotonic()
-            try:
-                message = self._bus.recv(timeout=max(left, 0.0))
-            except (can.CanError, OSError, ValueError) as error:
-                raise HandError(f'the CAN bus is gone: {error}') from error
-            if message is None:
-                return None
-            if message.is_error_frame or message.is_extended_id or message.is_remote_frame:
-                continue
-            if message.arbitration_id >> 5 & 0x1F != HOST:
-                return Frame(message.arbitration_id, bytes(message.data))
-
-    def _drain(self) -> None:
-        self._asked = False
-        while self._receive(0.0) is not None:
-            continue
-
-    def _set(self, destination: int, name: str, value: int, *, group: bool = False) -> None:
-        number = self._number(name)
-        wide = properties.is_wide(number)
-        self._send(set_frame(destination, number, value, wide=wide, group=group))
-
-    def _get(self, motor: int, name: str, timeout_s: float = REPLY_S) -> int | None:
-        """One property of one motor; None when it does not answer."""
-        number = self._number(name)
-        self._send(get_frame(NODES[motor], number))
-        deadline = time.monotonic() + timeout_s
-        while (left := deadline - time.monotonic()) > 0:
-            frame = self._receive(left)
-            if frame is None:
-                break
-            with contextlib.suppress(FrameError):
-                address = decode_address(frame.identifier)
-                if address.sender != NODES[motor] or not address.group:
-                    continue
-                if address.destination == GROUP_PROPERTY:
-                    got, value = decode_property(frame.data)
-                    if got == number:
-                        return value
-        return None
+        return self._pucks
 
     def connect(self) -> HandFacts:
         """Find the four pucks, wake them where needed, read what they are.
@@ -160,9 +96,9 @@ class CanHand:
             HandError: no bus, pucks that do not answer, or no hand.
         """
         self.close()
-        self._bus = self._open_line()
+        pucks = self._pucks = Pucks(self._open_line())
         try:
-            facts = self._introduce()
+            facts = self._introduce(pucks)
         except (HandError, properties.PropertyError) as error:
             self._shut()
             raise HandError(f'no BarrettHand answers on the CAN bus: {error}') from error
@@ -170,52 +106,51 @@ class CanHand:
             self._guard = self._make_guard()
         return facts
 
-    def _introduce(self) -> HandFacts:
-        self._firmware = 0
-        self._drain()
-        states = {motor: self._get(motor, 'STAT') for motor in MOTORS_ALL}
+    def _introduce(self, pucks: Pucks) -> HandFacts:
+        pucks.drain()
+        states = {motor: pucks.get(motor, 'STAT') for motor in MOTORS_ALL}
         silent = [str(NODES[motor]) for motor, state in states.items() if state is None]
         if silent:
             raise HandError(f'node {", ".join(silent)} does not answer')
         asleep = [motor for motor, state in states.items() if state == properties.STATUS_RESET]
         for motor in asleep:
-            self._set(NODES[motor], 'STAT', properties.STATUS_READY)
+            pucks.set(motor, 'STAT', properties.STATUS_READY)
         if asleep:
             # Traffic while transceivers come up can drive the host off the bus.
             time.sleep(WAKE_SILENCE_S)
-            self._drain()
+            pucks.drain()
         self._initialised = not asleep
-        versions = [self._get(motor, 'VERS') for motor in MOTORS_ALL]
-        roles = {motor: self._get(motor, 'ROLE') for motor in MOTORS_ALL}
+        versions = [pucks.get(motor, 'VERS') for motor in MOTORS_ALL]
+        roles = {motor: pucks.get(motor, 'ROLE') for motor in MOTORS_ALL}
         if None in versions or None in roles.values():
             raise HandError('a node woke up but does not say what it is')
-        self._firmware = min(version for version in versions if version is not None)
+        pucks.firmware = min(version for version in versions if version is not None)
         for motor, role in roles.items():
             if (role or 0) & properties.ROLE_PRODUCT != properties.ROLE_HAND:
                 raise HandError(f'node {NODES[motor]} is not part of a hand (ROLE {role})')
         self._gauge_fitted = {
             finger: bool((roles[finger] or 0) & properties.ROLE_GAUGE) for finger in FINGERS
         }
-        self._number('SG')
-        self._limits = {finger: self._get(finger, 'HSG') or None for finger in FINGERS}
-        serial_number = self._get(1, 'SN')
+        pucks.number('SG')
+        self._limits = {finger: pucks.get(finger, 'HSG') or None for finger in FINGERS}
+        serial_number = pucks.get(1, 'SN')
         if self._touch != 'none':
-            self._begin_touch(roles)
+            self._begin_touch(pucks, roles)
         self._sent = {}
         return HandFacts(
             model='BH8-280',
-            firmware=str(self._firmware),
+            firmware=str(pucks.firmware),
             serial_number=str(serial_number or 0),
             encoder=ENCODER_280,
             highest_gauge_count=4095,
             ceiling_hz=1.0 / CYCLE_WIRE_S,
         )
 
-    def _begin_touch(self, roles: Mapping[int, int | None]) -> None:
+    def _begin_touch(self, pucks: Pucks, roles: Mapping[int, int | None]) -> None:
         mode = properties.TOUCH_FULL if self._touch == 'full' else properties.TOUCH_TOP_10
         for motor in MOTORS_ALL:
             if (roles[motor] or 0) & properties.ROLE_TOUCH:
-                self._set(NODES[motor], 'TACT', mode)
+                pucks.set(motor, 'TACT', mode)
 
     def initialize(self) -> None:
         """Let fingers, then the spread, find their zero. Takes seconds.
@@ -223,29 +158,32 @@ class CanHand:
         Raises:
             HandError: a motor does not finish in time, or `abort` was called.
         """
-        self._drain()
+        pucks = self._connected()
+        pucks.drain()
+        self._asked = False
         self._sent = {}
         self._aborting = False
         for finger in FINGERS:
-            self._set(NODES[finger], 'CMD', properties.COMMAND_INITIALISE)
-        self._await_rest(FINGERS, FINGERS_TIMEOUT_S)
-        self._set(NODES[SPREAD], 'CMD', properties.COMMAND_INITIALISE)
-        self._await_rest((SPREAD,), SPREAD_TIMEOUT_S)
+            pucks.set(finger, 'CMD', properties.COMMAND_INITIALISE)
+        self._await_rest(pucks, FINGERS, FINGERS_TIMEOUT_S)
+        pucks.set(SPREAD, 'CMD', properties.COMMAND_INITIALISE)
+        self._await_rest(pucks, (SPREAD,), SPREAD_TIMEOUT_S)
         self._initialised = True
 
-    def _await_rest(self, motors: tuple[int, ...], timeout_s: float) -> None:
+    def _await_rest(self, pucks: Pucks, motors: tuple[int, ...], timeout_s: float) -> None:
         """Wait until motors are idle, or hold their position after arriving."""
         deadline = time.monotonic() + timeout_s
         waiting = set(motors)
+        time.sleep(STARTING_S)
         while waiting:
             if self._aborting:
-                self._set(GROUP_HAND, 'MODE', properties.MODE_IDLE, group=True)
+                pucks.set_all('MODE', properties.MODE_IDLE)
                 raise HandError('initialisation was stopped')
             if time.monotonic() > deadline:
                 names = ', '.join(str(NODES[motor]) for motor in sorted(waiting))
                 raise HandError(f'node {names} did not finish initialising in {timeout_s:g} s')
             for motor in tuple(waiting):
-                mode = self._get(motor, 'MODE')
+                mode = pucks.get(motor, 'MODE')
                 if mode in (properties.MODE_IDLE, properties.MODE_PID):
                     waiting.discard(motor)
             time.sleep(0.02)
@@ -271,8 +209,9 @@ class CanHand:
             stamp_ns = self._gather_again(cycle) or stamp_ns
         if not cycle.complete():
             missing = cycle.missing()
-            self._drain()
-            states = {motor: self._get(motor, 'STAT') for motor in MOTORS_ALL}
+            pucks = self._connected()
+            pucks.drain()
+            states = {motor: pucks.get(motor, 'STAT') for motor in MOTORS_ALL}
             self._initialised = all(s == properties.STATUS_READY for s in states.values())
             raise HandError(f'no reply from {missing}: is it asleep or unplugged?')
         if self._prefetch:
@@ -281,15 +220,18 @@ class CanHand:
         return self._sample(cycle, stamp_ns)
 
     def _request(self, velocities: Mapping[int, float] | None) -> None:
+        pucks = self._connected()
         self._cycle_count += 1
         if velocities is not None:
-            self._command(velocities)
-        self._send(get_frame(GROUP_HAND, self._number('SG'), group=True))
-        self._send(get_frame(GROUP_HAND, self._number('P'), group=True))
+            self._command(pucks, velocities)
+        pucks.ask_all('SG')
+        pucks.ask_all('P')
+        if self._cycle_count % TEMPERATURE_CYCLES == 1:
+            pucks.ask_all('TEMP')
         if self._touch != 'none' and self._cycle_count % self._touch_every == 0:
-            self._send(get_frame(GROUP_HAND, self._number('TACT'), group=True))
+            pucks.ask_all('TACT')
 
-    def _command(self, velocities: Mapping[int, float]) -> None:
+    def _command(self, pucks: Pucks, velocities: Mapping[int, float]) -> None:
         """Send velocities where they changed, and all of them now and then."""
         if self._cycle_count % REFRESH_CYCLES == 0:
             self._sent.clear()
@@ -306,10 +248,10 @@ class CanHand:
                 continue
             self._sent[motor] = speed
             if speed == 0:
-                self._set(NODES[motor], 'MODE', properties.MODE_IDLE)
+                pucks.set(motor, 'MODE', properties.MODE_IDLE)
             else:
-                self._set(NODES[motor], 'V', speed)
-                self._set(NODES[motor], 'MODE', properties.MODE_VELOCITY)
+                pucks.set(motor, 'V', speed)
+                pucks.set(motor, 'MODE', properties.MODE_VELOCITY)
 
     def _gather_again(self, cycle: Cycle) -> int:
         """Ask for what a late or lost frame should have brought; returns the first one's time."""
@@ -319,25 +261,26 @@ class CanHand:
             stamp_ns = self._gather(cycle, patience_s) or stamp_ns
             if cycle.complete():
                 # Answers to both requests come: what is left belongs to no later cycle.
-                while self._receive(QUIET_S) is not None:
-                    continue
+                self._connected().drain(QUIET_S)
                 break
         return stamp_ns
 
     def _gather(self, cycle: Cycle, timeout_s: float) -> int:
         """Collect replies until the cycle is complete; returns the time of the first one."""
+        pucks = self._connected()
+        gauge = pucks.number('SG')
         deadline = time.monotonic() + timeout_s
         stamp_ns = 0
         while not cycle.complete():
             left = deadline - time.monotonic()
             if left <= 0:
                 break
-            frame = self._receive(left)
+            frame = pucks.receive(left)
             if frame is None:
                 break
             stamp_ns = stamp_ns or self._clock_ns()
             try:
-                self._replies.take(frame, cycle, self._number('SG'))
+                self._replies.take(frame, cycle, gauge)
             except FrameError:
                 self.strange_frames += 1
         return stamp_ns
@@ -357,6 +300,7 @@ class CanHand:
             spread_counts=cycle.positions[SPREAD][0],
             gauge_counts=(gauges[0], gauges[1], gauges[2]),
             inner_rad=(angles[0], angles[1], angles[2]),
+            temperature_c=self._replies.hottest_c(),
             strain_limits=(limits[1], limits[2], limits[3]),
             relieving=(relieving[0], relieving[1], relieving[2]),
             tactile_n_per_cm2=self._replies.pressures(),
@@ -370,7 +314,7 @@ class CanHand:
         """
         for finger, limit in counts.items():
             value = 0 if limit is None else min(max(limit, 1), HIGHEST_GAUGE_COUNT)
-            self._set(NODES[finger], 'HSG', value)
+            self._connected().set(finger, 'HSG', value)
             self._limits[finger] = value or None
 
     def stop(self) -> None:
@@ -380,18 +324,14 @@ class CanHand:
             HandError: the bus takes no frames.
         """
         self._sent = {}
-        self._set(GROUP_HAND, 'MODE', properties.MODE_IDLE, group=True)
+        self._connected().set_all('MODE', properties.MODE_IDLE)
 
     @staticmethod
     def stop_all(bus: can.BusABC) -> None:
         """All motors of the hand idle, over a bus that nobody else uses; then let go of it."""
-        frame = set_frame(
-            GROUP_HAND, properties.number('MODE', 0), properties.MODE_IDLE, group=True
-        )
-        with bus:
-            bus.send(
-                can.Message(arbitration_id=frame.identifier, data=frame.data, is_extended_id=False)
-            )
+        pucks = Pucks(bus)
+        pucks.set_all('MODE', properties.MODE_IDLE)
+        pucks.shut()
 
     def abort(self) -> None:
         """End `initialize` of another thread."""
@@ -399,21 +339,20 @@ class CanHand:
 
     def close(self) -> None:
         """Stop the motors and let go of the bus."""
-        if self._bus is not None:
+        if self._pucks is not None:
             with contextlib.suppress(HandError):
                 self.stop()
         self._shut()
 
     def _shut(self) -> None:
-        bus, self._bus = self._bus, None
+        pucks, self._pucks = self._pucks, None
         guard, self._guard = self._guard, None
         if guard is not None:
             guard.dismiss()
-        self._sent, self._asked = {}, False
+        self._sent, self._asked, self._cycle_count = {}, False, 0
         self._replies = ReplyReader()
-        if bus is not None:
-            with contextlib.suppress(Exception):
-                bus.shutdown()
+        if pucks is not None:
+            pucks.shut()
 
 
 def _gives_way(counts: int, limit: int | None) -> bool:

@@ -21,11 +21,13 @@ from barrett_hand_bridge.puck.frames import (
     decode_property,
     decode_top_10,
 )
+from barrett_hand_bridge.puck.properties import NUMBERS
 
 MOTORS_ALL = (*FINGERS, SPREAD)
 HIGHEST_FINGER_COUNTS = 215_000
 HIGHEST_SPREAD_COUNTS = 40_000
 HIGHEST_GAUGE_COUNT = 4095
+TEMPERATURES_C = range(-40, 151)
 
 
 @dataclass
@@ -58,6 +60,11 @@ class ReplyReader:
         """No picture yet."""
         self._parts: dict[int, dict[int, tuple[float, ...]]] = {}
         self._pressures: dict[int, tuple[float, ...]] = {}
+        self._temperatures_c: dict[int, int] = {}
+
+    def hottest_c(self) -> float | None:
+        """The newest temperature of the hottest motor controller; None before the first."""
+        return float(max(self._temperatures_c.values())) if self._temperatures_c else None
 
     def pressures(self) -> dict[int, tuple[float, ...]] | None:
         """The newest whole picture per motor in N/cm2; None before the first."""
@@ -79,6 +86,10 @@ class ReplyReader:
                 if not 0 <= value <= HIGHEST_GAUGE_COUNT:
                     raise FrameError(f'gauge reading {value} beyond 12 bits')
                 cycle.gauges[motor] = value
+            elif number == NUMBERS['TEMP']:
+                if value not in TEMPERATURES_C:
+                    raise FrameError(f'temperature {value} beyond what a motor controller stands')
+                self._temperatures_c[motor] = value
         elif address.destination == GROUP_POSITION:
             position, inner = decode_position(frame.data)
             highest = HIGHEST_SPREAD_COUNTS if motor == SPREAD else HIGHEST_FINGER_COUNTS

@@ -84,6 +84,11 @@ def test_closing_lets_the_hand_stop_itself_a_little_above_the_force():
     assert 5.0 * arm < limit < 1.5 * 5.0 * arm
 
 
+def test_the_hand_never_gets_a_strain_limit_beyond_the_torque_limit():
+    settings = replace(SETTINGS, force_n=25.0)
+    assert Closing((1,), settings).limit_nm(state()) == settings.torque_limit_nm
+
+
 def test_closing_on_nothing_ends_at_the_end_of_travel():
     result = Closing((1,), SETTINGS).step(state(140.0), 0.0)
     assert isinstance(result, MotionResult) and not result.done

@@ -105,6 +105,28 @@ def test_strain_limit_stops_a_closing_finger_and_the_move_reports_16(hand):
     assert hand.take().endswith(b'\n\rERR 16\n\r=> ')
 
 
+def test_a_finger_at_its_strain_limit_does_not_creep_on_with_every_block(hand):
+    initialise(hand)
+    answer(hand, '1FSET LFV 0 LFS 0 LFAP 0 LFDP 0 LCPG 0')
+    answer(hand, f'1FSET HSG {hand.mechanics.gauges[1].counts - 20}')
+    answer(hand, '1LOOP')
+    for _ in range(20):
+        hand.feed(b'C\x10')
+        hand.advance(0.01)
+    assert hand.mechanics.motors[1].position == 0.0
+
+
+def test_deltas_count_from_the_last_position_that_was_reported(hand):
+    initialise(hand)
+    answer(hand, '1FSET LFV 0 LFS 0 LFAP 0 LFDP 1 LFDPC 1')
+    hand.mechanics.place({1: 300.0})
+    answer(hand, '1FGET P')
+    hand.mechanics.place({1: 310.0})
+    answer(hand, '1LOOP')
+    hand.feed(b'A')
+    assert hand.take() == b'*\x0a'
+
+
 def test_the_worked_realtime_example_of_the_manual():
     hand = SerialHand(HandMechanics(HandBody(), seed=3), firmware=(4, 3, 1))
     hand.take()

@@ -1,5 +1,7 @@
 """Zeros: tare refuses what it must, drift is followed while free, doubt grows while loaded."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,6 +38,11 @@ def test_a_moving_finger_is_not_tared():
     outcome = take_zero(samples(move=1), GAUGES, UNKNOWN)
     assert 'finger 1 is moving' in outcome.refusal
     assert not outcome.zeros
+
+
+def test_a_moving_spread_is_not_tared():
+    spreading = [replace(s, spread_counts=1575 + i) for i, s in enumerate(samples())]
+    assert 'the spread is moving' in take_zero(spreading, GAUGES, UNKNOWN).refusal
 
 
 def test_a_reading_outside_the_no_load_band_is_not_tared():

@@ -158,8 +158,12 @@ class DeformationNode(Node):
             self.get_logger().error(str(error), throttle_duration_sec=5.0)
             self._publish_state(self.watch.refused(now))
             return
+        backwards = self.stamps.backwards
         if not self.stamps.arrived(sample.stamp):
             return
+        if self.stamps.backwards > backwards:
+            self.get_logger().info('time went back: starting from the undeformed shell')
+            self._start_anew()
         self._frame = self._given_frame or message.header.frame_id
         state = self.watch.sample(sample, now)
         self._publish_state(state)
@@ -213,12 +217,18 @@ class DeformationNode(Node):
             self.get_logger().error(f'object_pose: {error}', throttle_duration_sec=5.0)
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._reset_asked = True
-        if self.estimator is not None:
-            self.estimator.forget()
+        self._start_anew()
         response.success = True
         response.message = 'the next sample starts from the undeformed shell'
         return response
+
+    def _start_anew(self) -> None:
+        """Forget contacts and equilibria, here and in the background."""
+        self._reset_asked = True
+        self.link.worker.disown()
+        self.served = None
+        if self.estimator is not None:
+            self.estimator.forget()
 
     # ---- slow things
 

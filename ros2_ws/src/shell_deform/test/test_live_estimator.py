@@ -72,6 +72,13 @@ def test_before_the_first_result_the_shell_is_served_at_rest(model):
     assert served.unknown == (1, 2)
 
 
+def test_what_a_contact_may_have_dented_before_it_is_known_is_in_sigma(model):
+    pipeline = live_hand.pipeline(model)
+    served = pipeline.tick(squeeze([5.0, 5.0], 1e-3))
+    assert served.packed[:, 7].min() == pytest.approx(1e-3)
+    assert served.extrapolation == pytest.approx(1e-3)
+
+
 def test_between_results_the_tangent_carries_a_small_step(model, truth):
     pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
     force, _ = truth.at(4e-3)
@@ -90,6 +97,31 @@ def test_the_error_of_the_linear_step_is_reported_honestly(model, truth):
     served = pipeline.tick(squeeze(force, 4.5e-3, stamp=3))
     real = error(served.packed, surface)
     assert 0.3 * real < served.extrapolation < 5.0 * real
+
+
+@pytest.mark.parametrize('step', [1e-3, 2e-3, 4e-3])
+def test_sigma_grows_with_the_error_of_a_solver_that_is_left_behind(model, truth, step):
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
+    for depth in (2e-3, 2.5e-3):
+        force, _ = truth.at(depth)
+        pipeline.settle(squeeze(force, depth))
+    force, surface = truth.at(2.5e-3 + step)
+    served = pipeline.tick(squeeze(force, 2.5e-3 + step, stamp=3))
+    real = error(served.packed, surface)
+    assert 0.5 * real < served.packed[:, 7].max() < 8.0 * real
+
+
+def test_new_contacts_on_a_shell_at_rest_already_know_their_second_order(model, truth):
+    force, _ = truth.at(1e-5)
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
+    pipeline.settle(squeeze(force, 1e-5), rounds=1)
+    force, surface = truth.at(0.8e-3)
+    served = pipeline.tick(squeeze(force, 0.8e-3, stamp=2))
+    adopted = pipeline.estimator.adopted
+    bent = error(served.packed, surface)
+    adopted.slot.bend[:] = 0.0
+    straight = error(pipeline.tick(squeeze(force, 0.8e-3, stamp=3)).packed, surface)
+    assert bent < 0.5 * straight
 
 
 def test_the_energy_density_adds_up_to_the_work_of_the_fingers(model, truth):

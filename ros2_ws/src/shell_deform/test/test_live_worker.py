@@ -85,6 +85,15 @@ def test_overtaken_load_cases_are_dropped_and_counted(worker):
     assert int(record['dropped']) > before
 
 
+def test_an_answer_that_was_disowned_is_not_taken(worker):
+    ask(worker, 2e-3, 300)
+    worker.disown()
+    until(lambda: int(worker.memory.take().record['stamp']) == 300)
+    assert worker.newer_result() is None
+    ask(worker, 1e-3, 301)
+    assert int(answer_to(worker, 301).record['stamp']) == 301
+
+
 def test_an_unknown_object_is_reported_in_one_sentence():
     process = WorkerProcess(Build('no_such_object', 'koiter'))
     try:

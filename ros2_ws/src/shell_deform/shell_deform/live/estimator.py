@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 BEND_REACH = 3.0
 """The second-order field is trusted to this many times the step it was measured over."""
 
-BEND_UNCERTAIN = 0.3
-"""Its share that counts as error: what third order leaves."""
+UNKNOWN_DENT = 5e-3
+"""What a contact of unknown travel may have dented before anything is known of it [m]."""
 
 DRIVE_CODES = {'force': 0, 'motion': 1, 'fused': 2}
 
@@ -103,22 +103,31 @@ class Adopted:
         self.bend_direction = record['bend_direction'][:k].copy()
         self.bend_offset = float(record['bend_offset'])
         self.bend_reach = float(record['bend_reach'])
+        self.third_reach = float(record['third_reach'])
         along = np.einsum('ni,ni->n', slot.normals, slot.bend)
         self.worst_bend = float(np.abs(along).max(initial=0.0))
+        self.worst_third = float(slot.third.max(initial=0.0))
         self.pose = pose_of(record['pose'])
         self.pose_root = _root(record['pose_covariance'])
 
-    def bend(self, moved: Array) -> tuple[float, float]:
-        """Input of the second-order field and its uncertainty [m^2] for moved contacts (k,) [m].
+    def bend(self, moved: Array) -> tuple[float, float, float]:
+        """Inputs of the second-order field for moved contacts (k,) [m].
 
-        The field was measured between the last two equilibria and serves along that direction.
+        Returns what it is multiplied with and how much of that is uncertain [m^2], and the input of
+        the unknown third order [m^3]. The field was measured between the last two equilibria and
+        serves along that direction.
         """
         along = float(self.bend_direction @ moved)
         reach = BEND_REACH * self.bend_reach
         used = min(max(along, -reach), reach)
-        value = (self.bend_offset + used) ** 2 - self.bend_offset**2
+        offset = self.bend_offset
+        value = (offset + used) ** 2 - offset**2
         rest = float(moved @ moved) - used * used
-        return value, BEND_UNCERTAIN * used * used + max(rest, 0.0)
+        return value, max(rest, 0.0), abs(self._cube(offset + along) - self._cube(offset))
+
+    def _cube(self, step: float) -> float:
+        """Third power of a short step [m^3], growing less for one beyond `third_reach`."""
+        return step**3 / (1.0 + abs(step) / self.third_reach)
 
 
 class Estimator:
@@ -139,6 +148,7 @@ class Estimator:
         self._packed_nonlinear = np.zeros((n, len(NONLINEAR_FIELDS)), dtype=np.float32)
         self._no_columns = np.zeros((n, 3, 1))
         self._no_bend = np.zeros((n, 3))
+        self._no_third = np.zeros(n)
 
     def warm_up(self) -> None:
         """Load the compiled kernel, so that the first sample does not wait for it."""
@@ -179,7 +189,10 @@ class Estimator:
         k = len(adopted.fingers)
         inputs = posterior.inputs
         moved = response.displacement_by @ inputs
-        bend, bend_error = adopted.bend(moved)
+        known = set(adopted.fingers.tolist())
+        unknown = tuple(f for f in merged.finger.tolist() if f not in known)
+        doubt = _doubt(merged, unknown)
+        bend, bend_error, third = adopted.bend(moved)
         pose = self.pose_in_use
         largest = serve(
             self.rest,
@@ -191,6 +204,9 @@ class Estimator:
             adopted.slot.bend,
             bend,
             bend_error,
+            adopted.slot.third,
+            third,
+            doubt,
             pose.rotation,
             pose.translation,
             adopted.pose_root,
@@ -198,7 +214,6 @@ class Estimator:
         )
         force = response.force + inputs[:k]
         displacement = response.displacement + moved
-        known = set(adopted.fingers.tolist())
         return Served(
             stamp=sample.stamp,
             packed=self._packed,
@@ -211,10 +226,10 @@ class Estimator:
             snap_margin=adopted.snap_margin,
             contradiction=posterior.contradiction,
             suspect=posterior.suspect,
-            extrapolation=adopted.worst_bend * bend_error,
+            extrapolation=adopted.worst_bend * bend_error + adopted.worst_third * third + doubt,
             force=force,
             displacement=displacement,
-            unknown=tuple(f for f in merged.finger.tolist() if f not in known),
+            unknown=unknown,
         )
 
     def linear(self) -> NDArray[np.float32]:
@@ -308,16 +323,18 @@ class Estimator:
     def _serve_rest(self, sample: ContactSample) -> Served:
         """Nothing presses, or nothing is known of what presses."""
         self.posterior = None
-        self._pack_rest(self._packed)
+        unknown = tuple(sample.finger.tolist())
+        doubt = _doubt(sample, unknown)
+        self._pack_rest(self._packed, doubt)
         empty = np.zeros(0)
         return Served(
-            sample.stamp, self._packed, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, '', 0.0, empty, empty,
-            tuple(sample.finger.tolist()),
+            sample.stamp, self._packed, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, '', doubt, empty, empty,
+            unknown,
         )  # fmt: skip
 
-    def _pack_rest(self, packed: NDArray[np.float32]) -> None:
+    def _pack_rest(self, packed: NDArray[np.float32], doubt: float = 0.0) -> None:
         """Fill `packed` with the unloaded surface."""
-        self._pack(packed, self.rest, self._no_columns, np.zeros(1), np.zeros((1, 1)))
+        self._pack(packed, self.rest, self._no_columns, np.zeros(1), np.zeros((1, 1)), doubt)
 
     def _pack(
         self,
@@ -326,6 +343,7 @@ class Estimator:
         columns: Array,
         inputs: Array,
         root: Array,
+        doubt: float = 0.0,
     ) -> None:
         """Fill `packed` without error of a linear step."""
         pose = self.pose_in_use
@@ -334,12 +352,21 @@ class Estimator:
         pose_root = self.adopted.pose_root if self.adopted is not None else np.zeros((6, 0))
         serve(
             self.rest, surface, normals, columns, inputs, np.ascontiguousarray(root),
-            self._no_bend, 0.0, 0.0, pose.rotation, pose.translation, pose_root, packed,
+            self._no_bend, 0.0, 0.0, self._no_third, 0.0, doubt,
+            pose.rotation, pose.translation, pose_root, packed,
         )  # fmt: skip
 
     def _adopted_normals(self) -> Array:
         assert self.adopted is not None
         return self.adopted.slot.normals
+
+
+def _doubt(sample: ContactSample, unknown: tuple[int, ...]) -> float:
+    """How far contacts that the background process has not taken up yet may have dented [m]."""
+    if not unknown:
+        return 0.0
+    travel = np.abs(sample.travel[np.isin(sample.finger, unknown)])
+    return float(np.where(np.isfinite(travel), travel, UNKNOWN_DENT).max())
 
 
 def _root(covariance: Array) -> Array:

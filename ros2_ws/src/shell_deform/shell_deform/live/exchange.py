@@ -88,6 +88,7 @@ RESULT = np.dtype(
         ('bend_direction', '<f8', MAX_CONTACTS),
         ('bend_offset', '<f8'),
         ('bend_reach', '<f8'),
+        ('third_reach', '<f8'),
         ('pose', '<f8', 7),
         ('pose_covariance', '<f8', (6, 6)),
         ('message', 'S200'),
@@ -117,7 +118,7 @@ class Layout:
     def slot(self) -> int:
         """Bytes of one result slot."""
         fields = 3 + MAX_INPUTS + MAX_CONTACTS
-        return _round(RESULT.itemsize + fields * self.field + 8 * self.vertices)
+        return _round(RESULT.itemsize + fields * self.field + 16 * self.vertices)
 
     @property
     def requests(self) -> int:
@@ -149,6 +150,7 @@ class Slot:
         columns: room for (n, 3, j) motions of the limit positions per unit input.
         linear: room for (n, 3, k) motions per unit push from rest.
         bend: (n, 3) [1/m] second-order motion per squared step along `bend_direction`.
+        third: (n,) [1/m^2] size of the third-order motion per cubed step.
         energy_density: (n,) strain energy per undeformed area [J/m^2].
     """
 
@@ -158,6 +160,7 @@ class Slot:
     columns: Array
     linear: Array
     bend: Array
+    third: Array
     energy_density: Array
 
     def input_columns(self) -> Array:
@@ -199,10 +202,10 @@ class SharedMemory:
         record = self._view(RESULT, at, 1)[0]
         at += RESULT.itemsize
         parts = []
-        for count in (3 * n, 3 * n, 3 * n * MAX_INPUTS, 3 * n * MAX_CONTACTS, 3 * n, n):
+        for count in (3 * n, 3 * n, 3 * n * MAX_INPUTS, 3 * n * MAX_CONTACTS, 3 * n, n, n):
             parts.append(self._view('<f8', at, count))
             at += 8 * count
-        surface, normals, columns, linear, bend, energy_density = parts
+        surface, normals, columns, linear, bend, third, energy_density = parts
         return Slot(
             record,
             surface.reshape(n, 3),
@@ -210,6 +213,7 @@ class SharedMemory:
             columns,
             linear,
             bend.reshape(n, 3),
+            third,
             energy_density,
         )
 

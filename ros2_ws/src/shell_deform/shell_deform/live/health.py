@@ -37,7 +37,10 @@ class StampWatch:
         self._period = 0.0
 
     def arrived(self, stamp_ns: int) -> bool:
-        """Take a stamp; False if it repeats the last one and should not be answered again."""
+        """Take a stamp; False if it repeats the last one and should not be answered again.
+
+        After a step back (a bag played again, a seek) `backwards` has risen.
+        """
         if self.samples and stamp_ns == self._last:
             self.repeated += 1
             return False

@@ -25,16 +25,33 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SmallLoads:
-    """First and second order of the centre displacements in the pushes, about rest.
+    """First and second order of the displacements in the pushes, about rest.
 
     Attributes:
-        compliance: (k, k) [m/N]. second_order: (k, k (k + 1) / 2) [m/N^2], pairs i <= j.
-        fields: (N, k) control point motion per unit push [m/N].
+        compliance: (k, k) of the contact centres [m/N]. second_order: (k, k (k + 1) / 2) of the
+            same [m/N^2], pairs i <= j.
+        fields: (N, k) control point motion per unit push [m/N]. second_fields: (N, k (k + 1) / 2)
+            [m/N^2].
     """
 
     compliance: Array
     second_order: Array
     fields: Array
+    second_fields: Array
+
+    def bend(self, direction: Array, driven: NDArray[np.bool_]) -> Array:
+        """(N,) second-order motion [1/m] per squared step of the contacts along `direction` (k,).
+
+        The pushes of `driven` contacts adapt, so that their centres keep to the step.
+        """
+        force = np.linalg.lstsq(self.compliance, direction, rcond=None)[0]
+        products = pair_products(force)
+        bend: Array = self.second_fields @ products
+        if driven.any():
+            beyond = (self.second_order @ products)[driven]
+            less = np.linalg.lstsq(self.compliance[np.ix_(driven, driven)], beyond, rcond=None)[0]
+            bend = bend - self.fields[:, driven] @ less
+        return bend
 
 
 def pair_products(force: Array) -> Array:
@@ -77,7 +94,7 @@ def small_loads(
         else:
             loads[:, p] = -0.5 * (bending(fields[:, i] + fields[:, j]) - own[i] - own[j])
     moved, _ = system.solve(loads, np.zeros((rows.constraints.shape[1], len(first))))
-    return SmallLoads(system.compliance, rows.measure.T @ moved, fields)
+    return SmallLoads(system.compliance, rows.measure.T @ moved, fields, moved)
 
 
 def linear_error(

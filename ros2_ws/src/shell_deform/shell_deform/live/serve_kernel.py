@@ -30,6 +30,9 @@ def serve_numpy(
     bend: Array,
     bend_input: float,
     bend_error: float,
+    third: Array,
+    third_input: float,
+    doubt: float,
     rotation: Array,
     translation: Array,
     pose_root: Array,
@@ -41,17 +44,19 @@ def serve_numpy(
         rest, surface, normals: (n, 3) undeformed and last equilibrium [m], unit normals.
         columns: (n, 3, j) motion per unit input. inputs: (j,) away from the equilibrium.
         root: (j, i) upper triangular root of their covariance. bend: (n, 3) [1/m] second-order
-            motion per bend_input [m^2], of which bend_error [m^2] is uncertain.
+            motion per bend_input [m^2], of which bend_error [m^2] is uncertain. third: (n,) [1/m^2]
+            unknown motion per third_input [m^3]. doubt: unknown motion anywhere [m].
         rotation, translation: from the object to the contacts.
         pose_root: (6, i) root of the covariance of the pose (translation, rotation vector).
     """
     position = surface + columns @ inputs + bend_input * bend
     moved = position - rest
     along = np.einsum('ni,nij->nj', normals, columns) @ root
+    along_bend = np.einsum('ni,ni->n', normals, bend)
     lever = np.concatenate([normals, np.cross(position, normals)], axis=1) @ pose_root
     variance = (
         np.einsum('nj,nj->n', along, along)
-        + (np.einsum('ni,ni->n', normals, bend) * bend_error) ** 2
+        + (np.abs(along_bend) * bend_error + third * third_input + doubt) ** 2
         + np.einsum('nj,nj->n', lever, lever)
     )
     packed[:, 0:3] = position @ rotation.T + translation
@@ -76,6 +81,9 @@ if HAVE_NUMBA:
         bend: Any,
         bend_input: Any,
         bend_error: Any,
+        third: Any,
+        third_input: Any,
+        doubt: Any,
         rotation: Any,
         translation: Any,
         pose_root: Any,
@@ -98,7 +106,7 @@ if HAVE_NUMBA:
                 py += cy * inputs[j]
                 pz += cz * inputs[j]
                 along[j] = nx * cx + ny * cy + nz * cz
-            error = (nx * bx + ny * by + nz * bz) * bend_error
+            error = abs(nx * bx + ny * by + nz * bz) * bend_error + third[v] * third_input + doubt
             variance = error * error
             for i in range(roots):
                 # The root is upper triangular.

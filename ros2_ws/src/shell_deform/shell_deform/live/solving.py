@@ -26,8 +26,17 @@ Array = NDArray[np.float64]
 SMALLEST_STEP = 0.02
 """Steps below this share of the wall thickness say nothing about the second order."""
 
+SHORTEST_REACH = 0.3
+"""A second order measured over less still serves over this share of the wall thickness."""
+
+THIRD_FLOOR = 0.8
+"""Third order per wall thickness is at least this share of the second."""
+
+THIRD_REACH = 3.0
+"""Beyond so many wall thicknesses the error of leaving it out grows with the square only."""
+
 LIVE = TrackingOptions(step=4e-3)
-"""What is left of the last chord step, a tenth or so, the Newton step of the columns takes away."""
+"""What the last chord step leaves, a tenth or so of it, the columns take away by a Newton step."""
 
 STILL = 1e-3
 """A state that moved less than this share of the wall thickness keeps its columns."""
@@ -53,6 +62,7 @@ class LiveSolver:
         self._pose_in_use = IDENTITY
         self._unloaded: Array | None = None
         self._bend = np.zeros((self._size, 3))
+        self._third = np.zeros(self._size)
         self._bend_direction = np.zeros(0)
         self._bend_reach = 0.0
         self._small: SmallLoads | None = None
@@ -179,6 +189,7 @@ class LiveSolver:
         record['bend_direction'][:k] = self._bend_direction if known else 0.0
         record['bend_offset'] = float(self._bend_direction @ since) if known else 0.0
         record['bend_reach'] = self._bend_reach
+        record['third_reach'] = THIRD_REACH * self._wall
         record['rigid_scale'] = np.sqrt(self._size)
         j = condensed.fields.shape[1]
         record['displacement_by'][:k, :j] = condensed.displacement
@@ -199,6 +210,7 @@ class LiveSolver:
         slot.columns[: 3 * self._size * j] = self._limit_columns.reshape(-1)
         slot.linear[: 3 * self._size * k] = self._linear_columns.reshape(-1)
         slot.bend[:] = self._bend
+        slot.third[:] = self._third
         slot.energy_density[:] = self._energy_density.at(positions)
 
     def _rows(self) -> ContactRows:
@@ -248,13 +260,14 @@ class LiveSolver:
         self._rigid_anchor = rows.left.T @ self.tracker.state.moved
         self._condensed = None
         self._inputs_at = None
-        self._bend[:] = 0.0
+        self._bend, self._third = np.zeros((self._size, 3)), np.zeros(self._size)
         self._bend_direction, self._bend_reach = np.zeros(0), 0.0
         self._small = None
         if rows.contacts and self._unloaded is not None:
             system = self.tracker.rest_system(self._unloaded, rows)
             self._small = small_loads(self.model, self._unloaded, system, rows)
             self._linear_columns = self._to_limit(self._small.fields)
+            self._bend_from_rest(self._small)
         else:
             self._linear_columns = np.zeros((self._size, 3, 0))
 
@@ -300,31 +313,52 @@ class LiveSolver:
         lateral = (rows.held.T @ self.tracker.state.moved)[rows.lateral_columns]
         return np.concatenate([here.force, lateral, here.rigid, [0.0]])
 
+    def _bend_from_rest(self, small: SmallLoads) -> None:
+        """Second order of new contacts: exact for a shell at rest, a measure of error elsewhere."""
+        count = len(small.compliance)
+        direction = np.full(count, 1.0 / np.sqrt(count))
+        bend = self._to_limit(small.bend(direction, self._driven(self._load))[:, None])[:, :, 0]
+        self._bend = bend
+        self._third = THIRD_FLOOR / self._wall * np.linalg.norm(bend, axis=1)
+        if self._nearly_at_rest():
+            self._bend_direction = direction
+            self._bend_reach = SHORTEST_REACH * self._wall
+
     def _update_bend(
         self, old: Condensed, old_columns: Array, old_state: Array, inputs: Array
     ) -> None:
-        """What the old columns missed on the way here, per squared step of the contacts [1/m].
+        """Second and third order about the present state, along the way the contacts came.
 
-        As in the tick, pushes of driven contacts follow from their motion.
+        A cubic through both states with both tangents (Hermite) has the second order exactly at
+        this end; what it has of third order is kept as the error of leaving it out.
         """
-        rows = self._rows()
+        assert self._condensed is not None and self._limit_columns is not None
         moved = self.tracker.state.moved
-        steps = rows.measure.T @ (moved - old_state)
+        steps = self._rows().measure.T @ (moved - old_state)
         step = float(np.linalg.norm(steps))
         if step < SMALLEST_STEP * self._wall:
             return
+        change = self.model.surface.limit_matrix @ (moved - old_state).reshape(-1, 3)
+        before = old_columns @ self._inputs_for(old, steps, inputs)
+        after = self._limit_columns @ self._inputs_for(self._condensed, steps, inputs)
+        self._bend = (2.0 * after + before - 3.0 * change) / step**2
+        third = np.linalg.norm((after + before - 2.0 * change) / step**3, axis=1)
+        floor = THIRD_FLOOR / self._wall * np.linalg.norm(self._bend, axis=1)
+        self._third = np.maximum(third, floor)
+        self._bend_direction = steps / step
+        self._bend_reach = max(step, SHORTEST_REACH * self._wall)
+
+    def _inputs_for(self, condensed: Condensed, steps: Array, inputs: Array) -> Array:
+        """`inputs` (j,) with the pushes of driven contacts as the tick finds them from `steps`."""
         driven = np.flatnonzero(self._driven(self._load))
-        if len(driven):
-            left = steps - old.displacement @ inputs
-            inputs = inputs.copy()
-            inputs[driven] += np.linalg.lstsq(
-                old.displacement[np.ix_(driven, driven)], left[driven], rcond=None
-            )[0]
-        surface = self.model.surface
-        change = surface.limit_matrix @ (moved - old_state).reshape(-1, 3)
-        missed = change - old_columns @ inputs
-        self._bend = missed / step**2
-        self._bend_direction, self._bend_reach = steps / step, step
+        if not len(driven):
+            return inputs
+        left = steps - condensed.displacement @ inputs
+        result = inputs.copy()
+        result[driven] += np.linalg.lstsq(
+            condensed.displacement[np.ix_(driven, driven)], left[driven], rcond=None
+        )[0]
+        return result
 
     def _to_limit(self, fields: Array) -> Array:
         """Motion of the limit positions (n, 3, j) for control point fields (3 n, j)."""

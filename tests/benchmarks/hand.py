@@ -25,7 +25,8 @@ from pathlib import Path
 import numpy as np
 
 from barrett_hand_bridge.commands import hand_calibrate
-from barrett_hand_bridge.gcl.driver import SerialHand, open_port
+from barrett_hand_bridge.gcl.driver import SerialHand
+from barrett_hand_bridge.gcl.line import open_port
 from barrett_hand_bridge.hand import HandError
 from barrett_hand_bridge.kinematics import HandGeometry, finger_frames
 from barrett_hand_bridge.puck.bus import open_bus

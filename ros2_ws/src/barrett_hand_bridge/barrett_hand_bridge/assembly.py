@@ -11,7 +11,8 @@ from barrett_hand_bridge.calibration import (
     HandCalibration,
     read_calibration,
 )
-from barrett_hand_bridge.gcl.driver import LATE_PERIODS, SerialHand, open_port
+from barrett_hand_bridge.gcl.driver import LATE_PERIODS, SerialHand
+from barrett_hand_bridge.gcl.line import open_port
 from barrett_hand_bridge.hand import FINGERS, Hand, HandFacts
 from barrett_hand_bridge.kinematics import HandGeometry, Pin
 from barrett_hand_bridge.motion import CloseSettings

@@ -11,6 +11,7 @@ from barrett_hand_bridge.contacts import (
     FLAG_NOT_TARED,
     FLAG_SATURATED,
 )
+from barrett_hand_bridge.fit import UNLOADED_NM
 from barrett_hand_bridge.trial import Trial, bias_counts, coverage, force_errors
 
 SEEDS = range(200) if os.environ.get('SOAK') else range(12)
@@ -79,7 +80,8 @@ def test_before_the_tare_every_contact_says_so():
     trial = Trial(6)
     reading = trial.observer.observe(trial.sample()).fingers[1]
     assert reading.contact.flags & FLAG_NOT_TARED
-    assert reading.contact.sigma_normal_n > 2.0
+    # Anywhere within the band in which an unloaded gauge may read.
+    assert reading.contact.sigma_normal_n > 0.99 * UNLOADED_NM / reading.arm_m
 
 
 def test_after_a_loss_the_tare_is_demanded_again():

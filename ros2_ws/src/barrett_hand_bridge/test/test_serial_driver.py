@@ -6,7 +6,8 @@ from barrett_hand_bridge.emulator.direct_port import DirectPort
 from barrett_hand_bridge.emulator.mechanics import HandBody, HandMechanics
 from barrett_hand_bridge.emulator.serial_hand import SerialHand as EmulatedHand
 from barrett_hand_bridge.gcl import driver, line
-from barrett_hand_bridge.gcl.driver import SerialHand, open_port
+from barrett_hand_bridge.gcl.driver import SerialHand
+from barrett_hand_bridge.gcl.line import open_port
 from barrett_hand_bridge.hand import HandDisturbedError, HandError, HandNotInitialisedError
 
 
@@ -196,6 +197,16 @@ def test_flipped_gauges_are_turned_round(emulated):
     hand, _, _ = connect(emulated)
     hand.initialize()
     assert hand.sample(None).gauge_counts[1] == emulated.mechanics.gauges[2].counts
+
+
+def test_a_clutch_that_let_go_is_seen_when_the_loop_is_entered(emulated):
+    hand, _, _ = connect(emulated)
+    hand.initialize()
+    assert hand.sample(None).breakaway_counts == (None, None, None)
+    emulated.mechanics.place({1: 3000.0})
+    emulated.mechanics.breakaway_counts[1] = 2000.0
+    hand.stop()
+    assert hand.sample(None).breakaway_counts == (2000, None, None)
 
 
 def test_breakaway_positions_are_read_when_asked_for(emulated):

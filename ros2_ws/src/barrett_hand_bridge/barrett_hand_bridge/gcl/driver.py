@@ -52,21 +52,6 @@ PATIENCE_S = 1.0
 LATE_PERIODS = 2.5
 
 
-def open_port(name: str) -> Port:
-    """Open a serial port as the hand expects it after power-up: 9600 baud, 8N1, no handshake.
-
-    Raises:
-        HandError: the port does not exist, is in use, or may not be opened.
-    """
-    try:
-        return serial.Serial(name, 9600, timeout=1.0, write_timeout=5.0, exclusive=True)
-    except (serial.SerialException, OSError, ValueError) as error:
-        raise HandError(
-            f'serial port {name!r} cannot be opened ({error}): check parameter port, the cable '
-            'and the rights on the device'
-        ) from error
-
-
 class SerialHand:
     """A BH8-262. One thread uses it; `abort` may come from another."""
 
@@ -118,6 +103,7 @@ class SerialHand:
         self._seen_gauge = dict.fromkeys(FINGERS, False)
         self._limits: dict[int, int | None] = dict.fromkeys(FINGERS)
         self._positions: dict[int, int] = {}
+        self._broken: dict[int, int] = dict.fromkeys(FINGERS, 0)
         self._aborting = False
         self.resynchronisations = 0
 
@@ -243,6 +229,9 @@ class SerialHand:
         # Changes of position count from the last one reported, which this is.
         positions = line.command(f'{prefix}FGET P').integers(len(motors))
         self._positions = dict(zip(motors, positions, strict=True))
+        # Where blocks do not bring it, a clutch that let go is known from here only.
+        broken = line.command('GFGET BP').integers(len(FINGERS))
+        self._broken = {finger: broken[finger - 1] for finger in FINGERS}
         command = f'{prefix}LOOP'
         line.port.write(command.encode() + b'\r')
         line.port.timeout = 1.0
@@ -306,7 +295,11 @@ class SerialHand:
                 self._positions[motor] += own.delta
                 check_position(motor, 'position', self._positions[motor])
         gauges = [self._gauge(n, feedback.motors[n].strain) for n in FINGERS]
-        broken = [feedback.motors[n].breakaway or None for n in FINGERS]
+        for finger in FINGERS:
+            breakaway = feedback.motors[finger].breakaway
+            if breakaway is not None:
+                self._broken[finger] = breakaway
+        broken = [self._broken[finger] or None for finger in FINGERS]
         return HandSample(
             stamp_ns=stamp_ns,
             finger_counts=(self._positions[1], self._positions[2], self._positions[3]),

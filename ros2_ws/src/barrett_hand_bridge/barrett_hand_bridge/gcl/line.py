@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from typing import Protocol
 
+import serial
+
 from barrett_hand_bridge.gcl.language import (
     CARRIAGE_RETURN,
     CONTROL_C,
@@ -14,6 +16,7 @@ from barrett_hand_bridge.gcl.language import (
     Reply,
     parse_reply,
 )
+from barrett_hand_bridge.hand import HandError
 
 BITS_PER_BYTE = 10
 ANSWER_TIMEOUT_S = 2.0
@@ -42,6 +45,21 @@ class Port(Protocol):
 
     def close(self) -> None:
         """Let go of the port."""
+
+
+def open_port(name: str) -> Port:
+    """Open a serial port as the hand expects it after power-up: 9600 baud, 8N1, no handshake.
+
+    Raises:
+        HandError: the port does not exist, is in use, or may not be opened.
+    """
+    try:
+        return serial.Serial(name, 9600, timeout=1.0, write_timeout=5.0, exclusive=True)
+    except (serial.SerialException, OSError, ValueError) as error:
+        raise HandError(
+            f'serial port {name!r} cannot be opened ({error}): check parameter port, the cable '
+            'and the rights on the device'
+        ) from error
 
 
 class Line:

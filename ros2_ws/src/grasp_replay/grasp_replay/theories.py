@@ -85,7 +85,8 @@ class TheorySet:
         """Where the patches lie on the outer face at rest."""
         half = 0.5 * self.shell.thickness_m
         axes = np.stack([patch.axis for patch in patches])
-        return Contacts(np.stack([patch.point for patch in patches]) - half * axes, axes)
+        points = np.stack([patch.point for patch in patches]) - half * axes
+        return Contacts(points, axes, np.array([patch.radius for patch in patches]))
 
     def fit_young(
         self, patches: tuple[ContactPatch, ...], push: Array, displacement_m: float

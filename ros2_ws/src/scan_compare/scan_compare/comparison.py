@@ -218,7 +218,15 @@ def compare(
         local=means,
         coverage=seen,
         model_to_scan=summarise(seen.model_to_scan, seen.model_area),
-        profiles=tuple(profiles(points[used], surface, contacts, undeformed_points)),
+        profiles=tuple(
+            profiles(
+                points[used],
+                surface,
+                contacts,
+                undeformed_points,
+                lambda point, direction: _pose_sigma((found, undeformed), point, direction),
+            )
+        ),
         scanner_sigma_m=scanner_sigma_m,
         noise_floor_m=mean_unsigned_noise(scanner_sigma_m),
         mean_error_sigma_m=_mean_error_sigma(distances, used, found),
@@ -286,6 +294,18 @@ def _mean_error_sigma(distances: Distances, used: np.ndarray, found: Registratio
     return float(np.sqrt(max(0.0, from_pose) + from_scatter))
 
 
+def _pose_sigma(
+    poses: tuple[Registration | None, ...], point: np.ndarray, direction: np.ndarray
+) -> float:
+    """Return the standard deviation [m] of `point` (3,) along `direction` (3,) from poses."""
+    variance = 0.0
+    for found in poses:
+        if found is not None:
+            row = np.concatenate((np.cross(point - found.centre, direction), direction))
+            variance += max(0.0, float(row @ found.covariance @ row))
+    return float(np.sqrt(variance))
+
+
 def _noise_free_mean(means: LocalMeans, sigma: float) -> float:
     """Return the mean unsigned distance [m] without the part that scanner noise adds to it.
 
@@ -336,6 +356,7 @@ def _profile_json(profile: DentProfile) -> dict[str, object]:
         'hidden_radius_m': profile.hidden_radius_m,
         'deepest_seen_m': profile.deepest_seen_m,
         'reference': profile.reference,
+        'method': profile.method,
         'radius_m': profile.radius.tolist(),
         'depth_m': profile.depth.tolist(),
         'model_depth_m': [None if np.isnan(v) else float(v) for v in profile.model],

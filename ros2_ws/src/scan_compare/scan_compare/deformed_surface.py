@@ -11,9 +11,10 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from shell_deform.surface.control_mesh import ControlMesh
+from shell_deform.surface.control_mesh import ControlMesh, control_mesh
 from shell_deform.surface.limit import LimitSurface, surface_points
 from shell_deform.surface.loop_basis import BasisRows, basis_rows
+from shell_deform.surface.outer_ring import with_outer_ring
 
 DENT_SHARE = 0.1
 """The dent region is where the displacement exceeds this share of its maximum."""
@@ -170,6 +171,23 @@ def surface_from_limit_positions(
         )
     rest_control = mesh.vertices if rest is None else limit.control_points(rest)
     return DeformedSurface(limit, rest_control, limit.control_points(deformed), thickness)
+
+
+def published_mesh(triangles: np.ndarray, rest: np.ndarray) -> ControlMesh:
+    """The topology of published triangles; points (n, 3) that none names lie beyond an edge.
+
+    Raises SurfaceError when there are not as many of them as that takes.
+    """
+    inside = int(triangles.max()) + 1
+    mesh = control_mesh(rest[:inside], triangles)
+    if inside < len(rest):
+        mesh = with_outer_ring(mesh)
+    if mesh.vertex_count != len(rest):
+        raise SurfaceError(
+            f'{len(rest)} surface points; the triangles name {inside}, and beyond the edges of '
+            f'their surface belong {mesh.vertex_count - inside}'
+        )
+    return mesh
 
 
 def triangle_lattice(per_side: int) -> np.ndarray:

@@ -1,11 +1,13 @@
 """The dent itself: where it is, its measured profile, and its depth under the hidden pin.
 
 The largest displacement sits where the pin touches, and the pin hides it from the scanner. It is
-therefore extrapolated from the ring that is seen around the pin, and labelled so.
+therefore extrapolated from the ring that is seen around the pin, by the exact solution of a
+pressed elastic plate (`pressed_plate`), and labelled so. No shell theory enters.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +15,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from scan_compare.deformed_surface import DeformedSurface
+from scan_compare.pressed_plate import bending, depth_under_pin, squeeze
+from scan_compare.rigid import IDENTITY, Pose, rigid_fit
+from scan_compare.robust import spread_of, tukey
 
 PROFILE_RADIUS = 12e-3
 """The profile reaches this far [m] from the contact's axis."""
@@ -27,13 +32,27 @@ SEEN_RADIUS = 1e-3
 SEEN_POINTS = 20
 """With this many scan points within SEEN_RADIUS of the axis the apex counts as seen."""
 
+SQUEEZE_SHARE = 0.5
+"""Of what the squeezed material under the pin adds, this share counts as the standard deviation
+of the extrapolation: the plate is linear and its pin rigid, flat and straight."""
+
+BODY_ROUNDS = 10
+"""Rounds of weighing in which the undeformed region settles on what moves as one body."""
+
+UNKNOWN_PIN = 0.5
+"""A pin of unknown radius is taken as this share of the radius it hides, within a factor of 2."""
+
 
 @dataclass(frozen=True)
 class Contacts:
-    """Contact points (c, 3) on the outer face at rest and inward unit normals (c, 3)."""
+    """Contact points (c, 3) on the outer face at rest and inward unit normals (c, 3).
+
+    radius: of the pins (c,) [m], or None where nobody knows them.
+    """
 
     point: np.ndarray
     inward: np.ndarray
+    radius: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -42,9 +61,10 @@ class DentProfile:
 
     radius (k,), depth (k,), count (k,): ring means along the contact's inward normal [m]; model
     (k,): the model's depth in the same rings, NaN where it has none. apex_m, apex_sigma_m: the
-    depth at the axis and its standard deviation; extrapolated: True if the pin hid the axis up to
-    hidden_radius_m; deepest_seen_m: the deepest ring mean that was seen. reference: what depth
-    is counted from.
+    depth at the axis and its standard deviation, which holds the scatter of the points, the pose
+    of both scans and the extrapolation; extrapolated: True if the pin hid the axis up to
+    hidden_radius_m; deepest_seen_m: the deepest ring mean that was seen, a lower bound.
+    reference: what depth is counted from; method: how the apex was found.
     """
 
     contact: np.ndarray
@@ -58,6 +78,7 @@ class DentProfile:
     hidden_radius_m: float
     deepest_seen_m: float
     reference: str
+    method: str
 
 
 def contacts_of(surface: DeformedSurface) -> Contacts:
@@ -90,31 +111,68 @@ def contacts_of(surface: DeformedSurface) -> Contacts:
     return Contacts(np.array(points)[order], np.array(inward)[order])
 
 
+def body_motion(surface: DeformedSurface) -> Pose:
+    """Return the rigid motion that the undeformed region makes from rest to the deformed shape.
+
+    A free body may drift as a whole while it is squeezed; a dent is deep against its own body.
+    """
+    rest = surface.at_rest().samples.position
+    moved = surface.samples.position
+    weight = surface.samples.area * (surface.samples.displacement <= surface.dent_threshold)
+    pose = IDENTITY
+    for _ in range(BODY_ROUNDS):
+        if not weight.any():
+            return IDENTITY
+        pose = rigid_fit(rest, moved, weight)
+        left = np.linalg.norm(moved - pose.apply(rest), axis=1)
+        weight = surface.samples.area * tukey(left, spread_of(left[weight > 0.0], 1e-9))
+    return pose
+
+
 def profiles(
     scan_points: np.ndarray,
     surface: DeformedSurface,
     contacts: Contacts,
     undeformed_points: np.ndarray | None,
+    pose_sigma: Callable[[np.ndarray, np.ndarray], float] = lambda _point, _direction: 0.0,
 ) -> list[DentProfile]:
     """Measure the dent around each contact; contacts without enough points are left out.
 
     scan_points (n, 3), undeformed_points (m, 3) or None: registered, in the object's frame [m].
-    Depth is counted from the undeformed scan, or from the model at rest without one.
+    Depth is counted along the contact's inward normal from the undeformed scan, or from the model
+    at rest without one, as it lies on the undeformed region of the deformed shape. pose_sigma:
+    standard deviation [m] that the poses of the scans give a point (3,) along a direction (3,).
     """
+    back = body_motion(surface).inverse()
+    scan_points = back.apply(scan_points)
+    model_points = back.apply(surface.samples.position)
     rest_points = surface.at_rest().samples.position
     reference = 'undeformed scan' if undeformed_points is not None else 'model at rest'
+    radius = contacts.radius
+    if radius is None:
+        radius = np.full(len(contacts.point), np.nan)
     results = []
-    for point, inward in zip(contacts.point, contacts.inward, strict=True):
+    for point, inward, pin in zip(contacts.point, contacts.inward, radius, strict=True):
         local = _Axis(point, inward)
         height = _reference_height(
             local, rest_points if undeformed_points is None else undeformed_points
         )
         if height is None:
             continue
-        profile = _profile(local, height, scan_points, surface.samples.position, reference)
+        wall = _Wall(surface.thickness, float(pin), pose_sigma(point, local.inward))
+        profile = _profile(local, height, scan_points, model_points, wall, reference)
         if profile is not None:
             results.append(profile)
     return results
+
+
+@dataclass(frozen=True)
+class _Wall:
+    """Thickness [m], pin radius [m] (NaN unknown), and sigma of the depth from the poses [m]."""
+
+    thickness: float
+    pin_radius: float
+    pose_sigma: float
 
 
 class _Axis:
@@ -155,6 +213,7 @@ def _profile(
     height: np.ndarray,
     points: np.ndarray,
     model_points: np.ndarray,
+    wall: _Wall,
     reference: str,
 ) -> DentProfile | None:
     across, depth = axis.near(points, PROFILE_RADIUS, 2.0 * PROFILE_RADIUS)
@@ -163,25 +222,31 @@ def _profile(
     near = radius < FIT_RADIUS
     if np.count_nonzero(near) < 30:
         return None
-    apex, sigma = _extrapolate(radius[near], depth[near])
+    seen = np.count_nonzero(radius < SEEN_RADIUS) >= SEEN_POINTS
+    hidden = 0.0 if seen else float(np.quantile(radius, min(1.0, 20 / len(radius))))
+    apex = (
+        _seen_apex(across[near], depth[near])
+        if seen or wall.thickness <= 0.0
+        else _hidden_apex(across[near], depth[near], hidden, wall)
+    )
     rings, counts, means = _rings(radius, depth)
     model_across, model_depth = axis.near(model_points, PROFILE_RADIUS, 2.0 * PROFILE_RADIUS)
     model_depth = model_depth - _monomials(model_across) @ height
     model_rings = _rings(np.hypot(*model_across.T), model_depth)[2]
     full = counts >= 3
-    seen = np.count_nonzero(radius < SEEN_RADIUS) >= SEEN_POINTS
     return DentProfile(
         contact=axis.point,
         radius=rings[full],
         depth=means[full],
         count=counts[full],
         model=model_rings[full],
-        apex_m=apex,
-        apex_sigma_m=sigma,
+        apex_m=apex.depth,
+        apex_sigma_m=float(np.hypot(apex.sigma, wall.pose_sigma)),
         extrapolated=not seen,
-        hidden_radius_m=0.0 if seen else float(np.quantile(radius, min(1.0, 20 / len(radius)))),
-        deepest_seen_m=float(means[full].max()) if full.any() else apex,
+        hidden_radius_m=hidden,
+        deepest_seen_m=float(means[full].max()) if full.any() else apex.depth,
         reference=reference,
+        method=apex.method,
     )
 
 
@@ -195,24 +260,55 @@ def _rings(radius: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return (np.arange(n) + 0.5) * RING_WIDTH, count, mean
 
 
-def _extrapolate(radius: np.ndarray, depth: np.ndarray) -> tuple[float, float]:
-    """Return depth at the axis and its standard deviation.
+@dataclass(frozen=True)
+class _Apex:
+    """Depth at the axis [m], its standard deviation [m], and how it was found."""
 
-    Near a concentrated load a bent shell follows w0 + a r^2 + b r^2 ln r (the plate solution;
-    Timoshenko and Woinowsky-Krieger, Theory of Plates and Shells, section 19); one pass of
-    trimming removes points of the pin that were scanned with the shell.
-    """
-    scaled = radius / FIT_RADIUS
-    squared = scaled**2
-    terms = np.column_stack(
-        (np.ones_like(scaled), squared, squared * np.log(np.maximum(scaled, 1e-6)))
+    depth: float
+    sigma: float
+    method: str
+
+
+def _seen_apex(across: np.ndarray, depth: np.ndarray) -> _Apex:
+    """Smooth the points around an axis that the scan saw: an even polynomial and a tilt."""
+    scaled = across / FIT_RADIUS
+    squared = np.sum(scaled**2, axis=1)
+    terms = np.column_stack((np.ones(len(depth)), scaled, squared, squared**2))
+    solution, covariance = _trimmed_fit(terms, depth)
+    return _Apex(float(solution[0]), float(np.sqrt(covariance[0, 0])), 'seen')
+
+
+def _hidden_apex(across: np.ndarray, depth: np.ndarray, hidden: float, wall: _Wall) -> _Apex:
+    """Extrapolate under the pin by the pressed plate: level, tilt, curvature and the force."""
+    h = wall.thickness
+    scaled = across / h
+    radius = np.maximum(np.hypot(*scaled.T), 1e-3)
+    terms = np.column_stack((np.ones(len(depth)), scaled, radius**2, bending(radius)))
+    solution, covariance = _trimmed_fit(terms, depth)
+    known = np.isfinite(wall.pin_radius)
+    pin = (wall.pin_radius if known else UNKNOWN_PIN * hidden) / h
+    at_axis = np.array([1.0, 0.0, 0.0, 0.0, depth_under_pin(pin)])
+    force = float(solution[4])
+    model = SQUEEZE_SHARE * 8.0 * np.pi * squeeze(pin) * force
+    if not known:
+        spread = 0.5 * force * (depth_under_pin(0.5 * pin) - depth_under_pin(2.0 * pin))
+        model = float(np.hypot(model, spread))
+    scatter = float(at_axis @ covariance @ at_axis)
+    radius_text = f'pin radius {"" if known else "taken as "}{1e3 * pin * h:.2f} mm'
+    return _Apex(
+        float(at_axis @ solution),
+        float(np.sqrt(scatter + model**2)),
+        f'extrapolated from the ring by the pressed elastic plate, {radius_text}',
     )
+
+
+def _trimmed_fit(terms: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return coefficients (k,) and covariance (k, k); points of a scanned pin are trimmed."""
     keep = np.ones(len(depth), bool)
     for _ in range(3):
         solution = np.linalg.lstsq(terms[keep], depth[keep], rcond=None)[0]
         residual = depth - terms @ solution
         spread = 1.4826 * float(np.median(np.abs(residual[keep])))
         keep = np.abs(residual) <= 4.0 * max(spread, 1e-9)
-    normal = terms[keep].T @ terms[keep]
     variance = float(np.mean(residual[keep] ** 2))
-    return float(solution[0]), float(np.sqrt(variance * np.linalg.pinv(normal)[0, 0]))
+    return solution, variance * np.linalg.pinv(terms[keep].T @ terms[keep])

@@ -9,12 +9,12 @@ import numpy as np
 from scan_compare.deformed_surface import (
     DeformedSurface,
     SurfaceError,
+    published_mesh,
     surface_from_limit_positions,
 )
 from scan_compare.scan_file import ScanFileError, read_mesh_file
 from scan_compare.units import metres_per_unit
 from shell_deform.objects import load_object, object_mesh
-from shell_deform.surface.control_mesh import control_mesh
 from shell_deform.surface.limit import LimitSurface
 
 
@@ -52,7 +52,7 @@ def surface_of_files(
         raise SurfaceError(f'{rest}: {len(at_rest)} vertices, but {deformed} has {len(positions)}')
     if not np.array_equal(triangles, rest_triangles):
         raise SurfaceError(f'{rest} and {deformed} have different triangles')
-    limit = LimitSurface(control_mesh(at_rest, triangles))
+    limit = LimitSurface(published_mesh(triangles, at_rest))
     return surface_from_limit_positions(limit, at_rest, positions, shell.thickness)
 
 

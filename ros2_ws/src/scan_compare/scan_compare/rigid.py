@@ -93,10 +93,23 @@ def pose_from_points(
     nearest to `start_rotation` (default identity).
     """
     start = np.eye(3) if start_rotation is None else start_rotation
-    from_centre = source - source.mean(axis=0)
-    to_centre = target - target.mean(axis=0)
-    correlation = to_centre.T @ from_centre
+    return rigid_fit(source, target, np.ones(len(source)), start)
+
+
+def rigid_fit(
+    source: np.ndarray,
+    target: np.ndarray,
+    weight: np.ndarray,
+    start: np.ndarray = IDENTITY.rotation,
+) -> Pose:
+    """Return the rigid motion (Kabsch) of `source` (k, 3) onto `target` (k, 3) by `weight` (k,).
+
+    What the points leave open is the rotation nearest to `start` (3, 3).
+    """
+    total = float(weight.sum())
+    from_middle, to_middle = weight @ source / total, weight @ target / total
+    correlation = ((target - to_middle) * weight[:, None]).T @ (source - from_middle)
     # a weak pull towards the start decides only what the points leave open
     pull = 1e-6 * max(float(np.linalg.norm(correlation)), 1e-12)
     rotation = nearest_rotation(correlation + pull * start)
-    return Pose(rotation, target.mean(axis=0) - rotation @ source.mean(axis=0))
+    return Pose(rotation, to_middle - rotation @ from_middle)

@@ -25,10 +25,14 @@ DEEPEST_NESTING = 100
 MOST_NODES = 50_000
 
 _SPACE = re.compile(rb'(?:[\s,]+|#[^\n\r]*)+')
-_NUMBER = re.compile(rb'[+-]?(?:0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf)\b')
+_NUMBER = re.compile(
+    rb'[+-]?(?:0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf)(?![\w.])'
+)
 _STRING = re.compile(rb'"(?:[^"\\]|\\.)*"', re.DOTALL)
 _WORD = re.compile(rb'[^\s,\[\]{}"#+\-.\d][^\s,\[\]{}"#]*')
-_PLAIN_ARRAY = re.compile(rb'\[([^\[\]{}"#]*)\]')
+_NO_STRUCTURE = re.compile(rb'[^\[\]{}"#]*')
+_COMMENT = re.compile(rb'#[^\n\r]*')
+LARGEST_LENGTH = 1e30
 _GROUPS = {
     'Transform': 'children',
     'Group': 'children',
@@ -50,8 +54,12 @@ class Node:
     def numbers(self, name: str, count: int, default: tuple[float, ...]) -> np.ndarray:
         """Return field `name` as `count` numbers; raises ScanFileError if it holds others."""
         value = self.fields.get(name, np.array(default))
-        if not isinstance(value, np.ndarray) or value.size != count:
-            raise ScanFileError(f'VRML {self.type} needs {count} numbers for "{name}"')
+        if (
+            not isinstance(value, np.ndarray)
+            or value.size != count
+            or not np.all(np.abs(value) < LARGEST_LENGTH)
+        ):
+            raise ScanFileError(f'VRML {self.type[:40]} needs {count} numbers for "{name}"')
         return value
 
     def flag(self, name: str, default: bool) -> bool:
@@ -206,10 +214,9 @@ class _Parser:
         return np.array(values)
 
     def _list(self, depth: int) -> object:
-        plain = _PLAIN_ARRAY.match(self._data, self._position)
-        if plain and self._holds_numbers(plain.start(1), plain.end(1)):
-            self._position = plain.end()
-            return parse_numbers(plain[1].replace(b',', b' '), 'VRML array')
+        plain = self._plain_array()
+        if plain is not None:
+            return plain
         self._position += 1
         numbers: list[np.ndarray] = []
         nodes: list[Node] = []
@@ -222,10 +229,24 @@ class _Parser:
         self._expect(b']')
         return np.concatenate(numbers) if numbers else nodes
 
-    def _holds_numbers(self, start: int, stop: int) -> bool:
-        space = _SPACE.match(self._data, start)
-        first = space.end() if space else start
-        return first >= stop or _NUMBER.match(self._data, first) is not None
+    def _plain_array(self) -> np.ndarray | None:
+        """Read a list of nothing but numbers at once; None, and nothing read, if it is another."""
+        pieces = []
+        place = self._position + 1
+        while True:
+            plain = _NO_STRUCTURE.match(self._data, place)
+            assert plain is not None
+            pieces.append(plain[0])
+            comment = _COMMENT.match(self._data, plain.end())
+            if comment is None:
+                break
+            place = comment.end()
+        text = b' '.join(pieces).replace(b',', b' ')
+        starts_well = text.isspace() or not text or _NUMBER.match(text.lstrip()[:80])
+        if self._data[plain.end() : plain.end() + 1] != b']' or not starts_well:
+            return None
+        self._position = plain.end() + 1
+        return parse_numbers(text, 'VRML array')
 
 
 @dataclass

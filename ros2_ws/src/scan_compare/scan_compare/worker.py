@@ -19,6 +19,7 @@ from scan_compare.comparison import ComparisonError, compare
 from scan_compare.deformed_surface import (
     DeformedSurface,
     SurfaceError,
+    published_mesh,
     surface_from_limit_positions,
 )
 from scan_compare.registration import RegistrationError
@@ -29,7 +30,7 @@ from scan_compare.scan import Scan, clean
 from scan_compare.scan_file import ScanFileError, read_scan
 from scan_compare.units import UnitError, choose_unit, robust_extent
 from shell_deform.objects import ObjectError, ShellObject, load_object, object_mesh
-from shell_deform.surface.control_mesh import ControlMesh, MeshError, control_mesh
+from shell_deform.surface.control_mesh import ControlMesh, MeshError
 from shell_deform.surface.limit import LimitSurface
 
 FAILURES = (
@@ -165,13 +166,13 @@ def _mesh(name: str, triangles: np.ndarray | None, rest: np.ndarray | None) -> C
     shell = load_object(name)
     if triangles is None or rest is None:
         return object_mesh(shell)
-    return _same_mesh(shell, triangles, len(rest)) or control_mesh(rest, triangles)
+    return _same_mesh(shell, triangles) or published_mesh(triangles, rest)
 
 
-def _same_mesh(shell: ShellObject, triangles: np.ndarray, count: int) -> ControlMesh | None:
-    for wanted in (None, count):
+def _same_mesh(shell: ShellObject, triangles: np.ndarray) -> ControlMesh | None:
+    for wanted in (None, len(np.unique(triangles))):
         mesh = object_mesh(shell, wanted)
-        if np.array_equal(mesh.triangles, triangles):
+        if np.array_equal(mesh.triangles[mesh.active], triangles):
             return mesh
     return None
 

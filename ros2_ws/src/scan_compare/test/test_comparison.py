@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scan_shells import (
     BALL_RADIUS,
+    BALL_THICKNESS,
     SCANNER_SIGMA,
     Displacement,
     ball,
@@ -16,6 +19,8 @@ from scan_shells import (
 
 from scan_compare.comparison import Comparison, ComparisonError, compare
 from scan_compare.deformed_surface import DeformedSurface
+from scan_compare.dent import Contacts, profiles
+from scan_compare.pressed_plate import bending, depth_under_pin
 from scan_compare.ranking import rank
 from scan_compare.registration import Registration, register
 from scan_compare.report.files import dump_json
@@ -170,15 +175,40 @@ def test_the_measured_displacement_is_that_of_the_truth(scan: Scan) -> None:
     assert found.measured_max_displacement_m == pytest.approx(0.006, abs=0.1e-3)
 
 
-def test_the_depth_under_a_hidden_pin_is_extrapolated_and_said_so(truth: DeformedSurface) -> None:
-    points = noisy(truth)
-    points = points[np.hypot(points[:, 0], points[:, 1]) > 2e-3]
-    found = compare(cloud(points), truth)
-    profile = found.profiles[0]
+@pytest.mark.parametrize('seed', [1, 2, 3, 4])
+def test_the_depth_under_a_hidden_pin_is_extrapolated_and_said_so(seed: int) -> None:
+    pin, force = 0.4, 0.3e-3
+    generator = np.random.default_rng(seed)
+    radius = np.sqrt(generator.uniform(2e-3**2, 6e-3**2, 3_000))
+    angle = generator.uniform(0.0, 2.0 * np.pi, radius.size)
+    outer = BALL_RADIUS + 0.5 * BALL_THICKNESS
+    scaled = radius / BALL_THICKNESS
+    depth = 4e-3 - 0.55e-3 * scaled**2 + force * bending(scaled)
+    height = np.sqrt(outer**2 - radius**2) - depth + SCANNER_SIGMA * generator.normal(size=3_000)
+    points = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), height))
+    contact = Contacts(np.array([[0.0, 0.0, outer]]), np.array([[0.0, 0.0, -1.0]]), None)
+    truth = 4e-3 + force * depth_under_pin(pin)
+    known = replace(contact, radius=np.array([pin * BALL_THICKNESS]))
+    (profile,) = profiles(points, ball(), known, None)
     assert profile.extrapolated
-    assert profile.hidden_radius_m == pytest.approx(2e-3, abs=0.5e-3)
+    assert 'pin radius 1.00 mm' in profile.method
     assert profile.deepest_seen_m < profile.apex_m
-    assert profile.apex_m == pytest.approx(0.006, abs=0.2e-3)
+    assert profile.apex_m == pytest.approx(truth, abs=2.5 * profile.apex_sigma_m)
+    assert profile.apex_sigma_m < 0.2e-3
+    (guessed,) = profiles(points, ball(), contact, None)
+    assert 'taken as' in guessed.method
+    assert guessed.apex_sigma_m > profile.apex_sigma_m
+
+
+def test_a_dent_is_deep_against_its_own_body_even_if_that_drifts(scan: Scan) -> None:
+    drift = np.array([0.0, 0.0, 0.5e-3])
+    still = compare(scan, ball(GRASP)).profiles
+    field = lambda points: GRASP(points) + drift  # noqa: E731
+    moved = Scan(scan.points, None, 'm', False, 'drifted')
+    start = SCANNER.after(Pose(np.eye(3), drift))
+    drifted = compare(moved, ball(field), start=start).profiles
+    for one, other in zip(still, drifted, strict=True):
+        assert other.apex_m == pytest.approx(one.apex_m, abs=0.03e-3)
 
 
 def test_a_mesh_brings_its_own_areas(truth: DeformedSurface) -> None:

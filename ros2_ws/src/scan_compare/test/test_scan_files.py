@@ -144,6 +144,12 @@ def test_xyz_in_every_dialect(text: str) -> None:
     assert scan_of(text, '.xyz').tolist() == [[1, 2, 3], [4, 5, 6]]
 
 
+def test_obj_faces_after_a_form_feed_count_back_from_their_own_place() -> None:
+    text = 'v 0 0 0\nv 30 0 0\nv 0 40 0\nf \x0c-3 -2 -1\nv 0 0 50\nf \x0b-4 -1 -3\n'
+    scan = parse_scan(text.encode(), '.obj', 'x', 'mm')
+    assert scan.triangles.tolist() == [[0, 1, 2], [0, 3, 1]]
+
+
 def test_a_text_cloud_longer_than_one_piece_is_whole() -> None:
     points = np.random.default_rng(0).random((400_000, 3)).round(6)
     text = '\n'.join(f'{x:.6f} {y:.6f} {z:.6f}' for x, y, z in points)
@@ -310,6 +316,7 @@ def test_a_scan_of_only_nan_has_no_points() -> None:
         ('v 0 0 0\nf 0 1 1\n', '.obj', 'index 0'),
         ('v 0 0 0\nf 1 1 1.5\n', '.obj', 'fraction'),
         ('v 0 0 0\nf /1 /1 /1\n', '.obj', 'no vertex index'),
+        ('f -1 -2 -3 -4\n', '.obj', 'without any vertex'),
         ('ply\nformat ascii 1.0\nend_header\n', '.ply', 'vertex'),
         ('ply\nformat weird 1.0\nend_header\n', '.ply', 'not understood'),
         ('ply\nformat ascii 1.0\nelement vertex -3\nend_header\n', '.ply', "'-3'"),

@@ -50,7 +50,7 @@ def read_obj(data: bytes) -> RawMesh:
             sizes.append(tokens_per_line(lines_f).astype(np.int32))
             if int(sizes[-1].sum()) != indices.size:
                 raise ScanFileError('OBJ face with a corner that has no vertex index')
-            corners.append(_absolute(indices, sizes[-1], text, before, n_points))
+            corners.append(_absolute(indices, sizes[-1], text, before))
     if not vertices:
         raise ScanFileError('OBJ file without any vertex')
     points = np.concatenate(vertices)
@@ -69,7 +69,7 @@ def _coordinates(text: bytes, columns: np.ndarray) -> np.ndarray:
 
 
 def _absolute(
-    indices: np.ndarray, sizes: np.ndarray, text: bytes, points_before: int, points_after: int
+    indices: np.ndarray, sizes: np.ndarray, text: bytes, points_before: int
 ) -> np.ndarray:
     """Turn one-based and relative indices (k,) into zero-based ones."""
     if not np.all(np.isfinite(indices)) or np.any(np.abs(indices) > 2**31 - 2):
@@ -79,7 +79,7 @@ def _absolute(
         raise ScanFileError('OBJ face with index 0 or a fraction; indices count from 1')
     if np.all(whole > 0):
         return (whole - 1).astype(np.int32)
-    seen = _vertices_before_each_face(text, points_before) if points_after else np.zeros(0, int)
+    seen = _vertices_before_each_face(text, points_before)
     return np.where(whole > 0, whole - 1, whole + np.repeat(seen, sizes)).astype(np.int32)
 
 

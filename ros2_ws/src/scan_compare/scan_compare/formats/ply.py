@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,9 @@ from scan_compare.formats.raw import (
 )
 
 LARGEST_HEADER = 2**16
+PIECE = 2**18
+"""Numbers or bytes of faces of mixed sizes that are gathered at once."""
+
 _TYPES = {
     **dict.fromkeys(('char', 'int8'), 'i1'),
     **dict.fromkeys(('uchar', 'uint8'), 'u1'),
@@ -156,8 +160,14 @@ class _BinaryBody:
     def polygons(self, element: _Element) -> tuple[np.ndarray, np.ndarray]:
         triangles = self._all_triangles(element)
         if triangles is not None:
-            return np.full(len(triangles), 3), triangles.reshape(-1)
-        return self._walk(element)
+            return np.full(len(triangles), 3, np.int32), triangles.reshape(-1)
+        kind = np.dtype(self._order + element.lists[0].type)
+        stored = np.frombuffer(self._data, np.uint8)
+        return _corners(
+            *self._walk(element),
+            kind.itemsize,
+            lambda place: stored[place].view(kind),
+        )
 
     def _all_triangles(self, element: _Element) -> np.ndarray | None:
         """Read (m, 3) at once when every face has three corners; None if one has not."""
@@ -180,34 +190,32 @@ class _BinaryBody:
         return np.column_stack([_integers(table[f'f{column + k}']) for k in (1, 2, 3)])
 
     def _walk(self, element: _Element) -> tuple[np.ndarray, np.ndarray]:
-        """Read faces of mixed sizes one by one."""
+        """Find every list of an element of mixed sizes: its length, and its first byte."""
         data, position = self._data, self._position
-        sizes, corners = array('q'), array('q')
+        sizes, starts = array('i'), array('q')
         steps = [
             (item.count_type and struct.Struct(self._order + np.dtype(item.count_type).char),
-             np.dtype(self._order + item.type))
+             np.dtype(item.type).itemsize)
             for item in element.properties
         ]  # fmt: skip
         if element.count > len(data) - position:
             raise _missing(element, len(data) - position)
         for face in range(element.count):
-            for count_reader, kind in steps:
-                count = 1
-                if count_reader:
-                    if position + count_reader.size > len(data):
+            for reader, item_bytes in steps:
+                count, start = 1, position
+                if reader:
+                    start += reader.size
+                    if start > len(data):
                         raise _missing(element, face)
-                    (count,) = count_reader.unpack_from(data, position)
-                    position += count_reader.size
-                if count < 0 or position + count * kind.itemsize > len(data):
+                    (count,) = reader.unpack_from(data, position)
+                position = start + count * item_bytes
+                if count < 0 or position > len(data):
                     raise _missing(element, face)
-                if count_reader:
+                if reader:
                     sizes.append(count)
-                if count_reader and count:
-                    values = _integers(np.frombuffer(data, kind, count, position))
-                    corners.frombytes(values.tobytes())
-                position += count * kind.itemsize
+                    starts.append(start)
         self._position = position
-        return np.array(sizes, np.int64), np.array(corners, np.int64)
+        return np.array(sizes, np.int32), np.array(starts, np.int64)
 
     def skip(self, element: _Element) -> None:
         if not element.lists:
@@ -245,36 +253,56 @@ class _AsciiBody:
             table = self._table(element, columns)
             if np.all(table[:, column] == 3):
                 corners = _integers(table[:, column + 1 : column + 4])
-                return np.full(len(table), 3), corners.reshape(-1)
+                return np.full(len(table), 3, np.int32), corners.reshape(-1)
             self._position = start
-        return self._walk(element)
+        return _corners(*self._walk(element), 1, lambda place: self._numbers[place])
 
     def _walk(self, element: _Element) -> tuple[np.ndarray, np.ndarray]:
+        """Find every list of an element of mixed sizes: its length, and its first number."""
         numbers, position = self._numbers, self._position
-        sizes, corners = array('q'), array('q')
+        sizes, starts = array('i'), array('q')
+        steps = [item.count_type is not None for item in element.properties]
         if element.count > numbers.size - position:
             raise _missing(element, numbers.size - position)
         for face in range(element.count):
-            for item in element.properties:
+            for is_list in steps:
                 count = 1
-                if item.count_type is not None:
+                if is_list:
                     count = _list_length(numbers, position)
                     position += 1
-                if position + count > numbers.size:
-                    raise _missing(element, face)
-                if item.count_type is not None:
                     sizes.append(count)
-                    values = _integers(numbers[position : position + count])
-                    corners.frombytes(values.tobytes())
+                    starts.append(position)
                 position += count
+            if position > numbers.size:
+                raise _missing(element, face)
         self._position = position
-        return np.array(sizes, np.int64), np.array(corners, np.int64)
+        return np.array(sizes, np.int32), np.array(starts, np.int64)
 
     def skip(self, element: _Element) -> None:
         if not element.lists:
             self._table(element, len(element.properties))
         else:
             self._walk(element)
+
+
+def _corners(
+    sizes: np.ndarray, starts: np.ndarray, step: int, read: Callable[[np.ndarray], np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return `sizes` (p,) and the corners of all polygons in their order.
+
+    starts (p,): place of the first corner of each; step: places per corner; read: (k, places) ->
+    (k, corners). Polygons of one size are read together, a piece at a time.
+    """
+    ends = np.cumsum(sizes, dtype=np.int64)
+    corners = np.empty(int(ends[-1]) if len(ends) else 0, np.int32)
+    for size in np.unique(sizes[sizes > 0]).tolist():
+        members = np.flatnonzero(sizes == size)
+        per_piece = max(1, PIECE // (step * size))
+        for first in range(0, len(members), per_piece):
+            piece = members[first : first + per_piece]
+            values = read(starts[piece, None] + np.arange(step * size))
+            corners[(ends[piece] - size)[:, None] + np.arange(size)] = _integers(values)
+    return sizes, corners
 
 
 def _list_length(numbers: np.ndarray, position: int) -> int:
@@ -284,10 +312,11 @@ def _list_length(numbers: np.ndarray, position: int) -> int:
 
 
 def _integers(values: np.ndarray) -> np.ndarray:
-    """Return vertex indices as int64; raises ScanFileError for one that is no whole number."""
+    """Return vertex indices as int32; raises ScanFileError for one that is no whole number."""
     if values.dtype.kind == 'f':
         if not np.all(np.isfinite(values)) or np.any(np.abs(values) > 2**31):
             raise ScanFileError('PLY face with an index that is not a 32-bit integer')
         if np.any(values != np.floor(values)):
             raise ScanFileError('PLY face with a fraction for a vertex index')
-    return values.astype(np.int64)
+    # what is no vertex of 32 bits turns negative here and is refused with the faces
+    return values.astype(np.int32)

@@ -12,6 +12,8 @@ import numpy as np
 CHUNK_BYTES = 4 * 2**20
 """Text is parsed in pieces of about this size, so that working memory does not grow with it."""
 
+_WHITE_SPACE = bytes.maketrans(b'\r\v\f', b'\n  ')
+
 
 class ScanFileError(ValueError):
     """A scan file that cannot be read; the message names the file, the cause and the way out."""
@@ -55,7 +57,10 @@ def _first_bad_token(text: bytes) -> str:
 
 
 def chunks_of_lines(data: bytes, start: int = 0) -> Iterator[bytes]:
-    """Yield `data` from `start` in pieces of whole lines, line ends unified to a line feed."""
+    """Yield `data` from `start` in pieces of whole lines.
+
+    Line ends are unified to a line feed, vertical tabs and form feeds to a blank.
+    """
     end = len(data)
     while start < end:
         stop = min(start + CHUNK_BYTES, end)
@@ -63,7 +68,7 @@ def chunks_of_lines(data: bytes, start: int = 0) -> Iterator[bytes]:
             cut = max(data.rfind(b'\n', start, stop), data.rfind(b'\r', start, stop))
             if cut >= start:
                 stop = cut + 1
-        yield data[start:stop].replace(b'\r', b'\n')
+        yield data[start:stop].translate(_WHITE_SPACE)
         start = stop
 
 

@@ -113,9 +113,9 @@ class Adopted:
     def bend(self, moved: Array) -> tuple[float, float, float]:
         """Inputs of the second-order field for moved contacts (k,) [m].
 
-        Returns what it is multiplied with and how much of that is uncertain [m^2], and the input of
-        the unknown third order [m^3]. The field was measured between the last two equilibria and
-        serves along that direction.
+        Returns what it is multiplied with and how much of that is uncertain [m^2], and the input
+        of the unknown third order [m^3]. The field was measured between the last two equilibria
+        and serves along that direction.
         """
         along = float(self.bend_direction @ moved)
         reach = BEND_REACH * self.bend_reach

@@ -44,7 +44,7 @@ class SmallLoads:
 
         The pushes of `driven` contacts adapt, so that their centres keep to the step.
         """
-        force = np.linalg.lstsq(self.compliance, direction, rcond=None)[0]
+        force = np.asarray(np.linalg.lstsq(self.compliance, direction, rcond=None)[0], float)
         products = pair_products(force)
         bend: Array = self.second_fields @ products
         if driven.any():

@@ -44,8 +44,8 @@ def serve_numpy(
         rest, surface, normals: (n, 3) undeformed and last equilibrium [m], unit normals.
         columns: (n, 3, j) motion per unit input. inputs: (j,) away from the equilibrium.
         root: (j, i) upper triangular root of their covariance. bend: (n, 3) [1/m] second-order
-            motion per bend_input [m^2], of which bend_error [m^2] is uncertain. third: (n,) [1/m^2]
-            unknown motion per third_input [m^3]. doubt: unknown motion anywhere [m].
+            motion per bend_input [m^2], of which bend_error [m^2] is uncertain.
+        third: (n,) [1/m^2] unknown motion per third_input [m^3]. doubt: unknown anywhere [m].
         rotation, translation: from the object to the contacts.
         pose_root: (6, i) root of the covariance of the pose (translation, rotation vector).
     """

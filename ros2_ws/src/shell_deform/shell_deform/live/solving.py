@@ -314,7 +314,7 @@ class LiveSolver:
         return np.concatenate([here.force, lateral, here.rigid, [0.0]])
 
     def _bend_from_rest(self, small: SmallLoads) -> None:
-        """Second order of new contacts: exact for a shell at rest, a measure of error elsewhere."""
+        """Second order of new contacts: exact for a shell at rest, elsewhere for the error."""
         count = len(small.compliance)
         direction = np.full(count, 1.0 / np.sqrt(count))
         bend = self._to_limit(small.bend(direction, self._driven(self._load))[:, None])[:, :, 0]

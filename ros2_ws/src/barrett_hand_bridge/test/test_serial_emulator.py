@@ -66,6 +66,7 @@ def test_a_bare_carriage_return_gives_a_prompt(hand):
         ('FSET P 3', 256),
         ('M 1 2', 1024),
         ('1PGET SN', 4096),
+        ('2VERS', 4096),
     ],
 )
 def test_refusals_carry_the_documented_status(hand, line, status):
@@ -75,6 +76,28 @@ def test_refusals_carry_the_documented_status(hand, line, status):
 def test_msg_is_another_name_for_hsg(hand):
     answer(hand, '1FSET MSG 180')
     assert answer(hand, '1FGET HSG') == b'1FGET HSG\n\r180\n\r=> '
+
+
+def test_lists_name_every_parameter_and_its_values(hand):
+    words = answer(hand, 'PLISTV').split()
+    assert words[words.index(b'BAUD') + 1] == b'96'
+    words = answer(hand, 'GFLISTV').split()
+    assert words[words.index(b'HSG') + 1 :][:3] == [b'256'] * 3
+    assert b'HSG LSG' in answer(hand, 'FLIST')
+
+
+def test_a_question_mark_names_every_command(hand):
+    words = answer(hand, '?').split()
+    assert {b'FGET', b'PSET', b'LOOP', b'HI', b'TC', b'VERS'} <= set(words)
+
+
+def test_err_tells_the_status_of_the_last_motion(hand):
+    initialise(hand)
+    hand.feed(b'GC\r')
+    hand.advance(0.1)
+    hand.feed(b'\x03')
+    hand.take()
+    assert answer(hand, 'ERR') == b'ERR\n\r16384\n\r=> '
 
 
 def test_the_prompt_comes_only_when_a_motion_has_ended(hand):

@@ -1,8 +1,8 @@
 """An emulated BH8-262: bytes in, bytes out, time given from outside.
 
 Supervisory commands and RealTime mode after the BH8-series manual for firmware 4.3x (pages 28 to
-41) and the BH8-262 manual for firmware 4.4 (pages 40 to 58). Texts of banner and VERS are this
-emulator's own: the maker's are not known here.
+41) and the BH8-262 manual for firmware 4.4 (pages 40 to 58). Texts of banner, VERS, ? and
+the lists are this emulator's own: the maker's are not known here.
 """
 
 from __future__ import annotations
@@ -169,6 +169,12 @@ class SerialHand(SerialState):
             'FGET': self._get_motor,
             'FSET': self._set_motor,
             'FDEF': self._restore,
+            'FLIST': lambda own, _: self.motor_listing(self._motors(own), values=False),
+            'FLISTV': lambda own, _: self.motor_listing(self._motors(own), values=True),
+            'PLIST': lambda *_: self.global_listing(values=False),
+            'PLISTV': lambda *_: self.global_listing(values=True),
+            'ERR': lambda *_: [self._total_status()],
+            '?': lambda *_: [*handlers, *MOTIONS],
             'FLOAD': self._nothing,
             'FSAVE': self._nothing,
             'PGET': self._get_global,
@@ -181,7 +187,7 @@ class SerialHand(SerialState):
             'T': self._terminate,
             'LOOP': self._enter_loop,
         }
-        if name.startswith(('P', 'V', 'R')) and prefix:
+        if name.startswith(('P', 'V', 'R', 'ERR', '?')) and prefix:
             raise RefusedError(PREFIX_NOT_ALLOWED)
         if name in MOTIONS:
             self._motion(name, prefix, words[1:])
@@ -331,10 +337,13 @@ class SerialHand(SerialState):
             if self._initialising:
                 self._start_stage()
                 return
+        self._answer(self._total_status())
+
+    def _total_status(self) -> int:
         total = 0
         for motor in MOTORS:
             total |= self.status[motor]
-        self._answer(total)
+        return total
 
     def _interrupt(self) -> None:
         for motor in self._moving:

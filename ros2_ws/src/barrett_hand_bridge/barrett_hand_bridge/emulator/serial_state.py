@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 from barrett_hand_bridge.emulator.mechanics import SPREAD, HandMechanics
-from barrett_hand_bridge.emulator.serial_parameters import MOTORS, ParameterStore
+from barrett_hand_bridge.emulator.serial_parameters import (
+    GLOBAL_PARAMETERS,
+    MOTOR_PARAMETERS,
+    MOTORS,
+    ParameterStore,
+)
 
 NO_GAUGE = 255
 
@@ -77,3 +82,21 @@ class SerialState:
             'SN': self.serial_number,
         }
         return readings.get(name, self.parameters.hand.get(name, 0))
+
+    def motor_listing(self, motors: tuple[int, ...], *, values: bool) -> list[int | str]:
+        """Names of all motor parameters, each followed by its value per motor if wanted."""
+        listing: list[int | str] = []
+        for name in MOTOR_PARAMETERS:
+            listing.append(name)
+            if values:
+                listing += [self.motor_value(motor, name) for motor in motors]
+        return listing
+
+    def global_listing(self, *, values: bool) -> list[int | str]:
+        """Names of all parameters of the hand as a whole, each with its value if wanted."""
+        listing: list[int | str] = []
+        for name in GLOBAL_PARAMETERS:
+            listing.append(name)
+            if values:
+                listing.append(self.global_value(name))
+        return listing

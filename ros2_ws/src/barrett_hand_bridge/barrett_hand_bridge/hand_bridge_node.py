@@ -213,7 +213,7 @@ class HandBridge(LifecycleNode):
             elif isinstance(event, Lost):
                 self._on_lost(event.reason)
             elif isinstance(event, NotReady):
-                self._set_state(LinkState.NOT_INITIALISED, event.reason)
+                self._on_not_ready(event.reason)
             elif isinstance(event, Disturbed):
                 self._health.disturbances += 1
                 self.get_logger().warning(event.reason)
@@ -255,11 +255,14 @@ class HandBridge(LifecycleNode):
         self._set_state(LinkState.LOST, reason)
         self._on_stale()
 
-    def _set_state(self, state: LinkState, reason: str) -> None:
-        health = self._health
-        if state is LinkState.NOT_INITIALISED and health.state is not state:
+    def _on_not_ready(self, reason: str) -> None:
+        if self._health.state is not LinkState.NOT_INITIALISED:
             self.get_logger().warning(reason)
-        health.state, health.reason = state, reason
+            self._on_stale()
+        self._set_state(LinkState.NOT_INITIALISED, reason)
+
+    def _set_state(self, state: LinkState, reason: str) -> None:
+        self._health.state, self._health.reason = state, reason
 
     def _on_observed(self, event: Observed) -> None:
         self._latest, self._sample = event.observation, event.sample

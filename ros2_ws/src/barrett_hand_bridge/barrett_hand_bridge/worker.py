@@ -285,6 +285,7 @@ class HandWorker:
                 command.future.set_result(Outcome(False, str(error)))
 
     def _initialise(self, command: _Command) -> None:
+        self._tell(NotReady('the hand is being initialised'))
         self._in_initialise = True
         try:
             if self._stop_motion.is_set() or self._stopping.is_set():

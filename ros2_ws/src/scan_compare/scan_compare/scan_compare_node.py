@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,13 +25,12 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from scan_compare import messages, parameters
-from scan_compare.rigid import IDENTITY, Pose
+from scan_compare.pairing import CONTACT_FIELDS, finger_forces, remarks, start_pose
 from scan_compare.surface_history import StampedSurface, SurfaceHistory
 from scan_compare.worker import Cloud, Job, Result, Worker
 
 TEND_PERIOD_S = 0.02
 SURFACE_DEPTH = 50
-CONTACTS_DEPTH = 500
 SURFACE_FIELDS = ('x', 'y', 'z', 'ux', 'uy', 'uz')
 UNDEFORMED_SHARE = 3.0
 """A model displaced by less than this many scanner sigmas counts as undeformed."""
@@ -45,12 +44,13 @@ SCALARS = {
 
 @dataclass
 class Pending:
-    """A scan that waits for a surface of its time."""
+    """A scan that waits for a surface of its time; `forces` [N] by finger when it arrived."""
 
     cloud: Cloud
     stamp_ns: int
     frame: str
     arrived: float
+    forces: dict[int, float]
     future: Future | None = None
 
 
@@ -74,7 +74,7 @@ class ScanCompareNode(Node):
         self._futures: dict[int, Future] = {}
         self._jobs = 0
         self._scans = self._done = self._refused = 0
-        self._force: dict[int, float] = {}
+        self._contacts: PointCloud2 | None = None
         self._seconds = 0.0
         self._submitted = 0.0
         self._result: Result | None = None
@@ -101,7 +101,7 @@ class ScanCompareNode(Node):
             PointCloud2,
             'hand/contacts',
             self._contacts_message,
-            QoSProfile(depth=CONTACTS_DEPTH, reliability=best_effort),
+            QoSProfile(depth=1, reliability=best_effort),
         )
         self.create_subscription(Mesh, 'deformation/mesh', self._mesh_message, latched)
         # a group of its own: while the answer is awaited, timers and topics go on
@@ -152,19 +152,18 @@ class ScanCompareNode(Node):
         self.history.add(StampedSurface(stamp, rows[:, :3], rows[:, 3:], frame))
 
     def _contacts_message(self, message: PointCloud2) -> None:
+        # read when a scan arrives: contacts come a thousand times as often
+        self._contacts = message
+
+    def _forces(self) -> dict[int, float]:
+        if self._contacts is None:
+            return {}
         try:
-            rows = messages.columns(message, ('finger', 'fx', 'fy', 'fz'), 'hand/contacts')
+            rows = messages.columns(self._contacts, CONTACT_FIELDS, 'hand/contacts')
         except messages.MessageError as error:
             self._refuse(str(error))
-            return
-        force = np.zeros((8, 3))
-        for finger, *components in rows:
-            if 0 <= finger < len(force) and np.all(np.isfinite(components)):
-                force[int(finger)] += components
-        self._force = {
-            finger: float(np.linalg.norm(force[finger])) for finger in {int(r[0]) for r in rows}
-            if 0 <= finger < len(force)
-        }  # fmt: skip
+            return {}
+        return finger_forces(rows)
 
     def _scan_message(self, message: PointCloud2) -> None:
         self._scans += 1
@@ -175,7 +174,8 @@ class ScanCompareNode(Node):
             return
         stamp = messages.nanoseconds(message.header.stamp)
         cloud = Cloud('scan/points', points, str(self._value('scan_unit')))
-        self._pending = Pending(cloud, stamp, message.header.frame_id, time.monotonic())
+        frame = message.header.frame_id
+        self._pending = Pending(cloud, stamp, frame, time.monotonic(), self._forces())
         self._last = self._pending
 
     def _refuse(self, reason: str) -> None:
@@ -186,18 +186,19 @@ class ScanCompareNode(Node):
     async def _compare(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Compare the last scan, or the scan file, with the newest surface."""
         path = str(self._value('scan_file'))
+        future = Future()
         if self._last is not None:
-            cloud, frame, stamp = self._last.cloud, self._last.frame, self._last.stamp_ns
+            wanted = replace(self._last, future=future)
         elif path:
-            cloud, frame, stamp = Cloud(path, None, None), '', 0
+            cloud = Cloud(path, None, None)
+            wanted = Pending(cloud, 0, '', time.monotonic(), self._forces(), future)
         else:
             response.success = False
             response.message = (
                 'no scan has arrived on scan/points and the parameter scan_file is empty'
             )
             return response
-        future = Future()
-        self._submit(Pending(cloud, stamp, frame, time.monotonic(), future))
+        self._submit(wanted)
         result: Result = await future
         response.success = not result.error
         response.message = result.error or json.dumps(result.statistics, sort_keys=True)
@@ -226,9 +227,8 @@ class ScanCompareNode(Node):
     def _submit(self, pending: Pending) -> None:
         surface = self.history.at(pending.stamp_ns) if self._triangles is not None else None
         self._jobs += 1
-        sigma = float(self._value('scanner_sigma'))
-        outlier = float(self._value('outlier_distance'))
-        notes = self._timing_notes(pending, surface)
+        values = self._values()
+        sigma, outlier = float(values['scanner_sigma']), float(values['outlier_distance'])
         undeformed = self._undeformed_cloud()
         if surface is None or surface.max_displacement < UNDEFORMED_SHARE * sigma:
             self._undeformed = pending.cloud
@@ -236,18 +236,20 @@ class ScanCompareNode(Node):
         job = Job(
             number=self._jobs,
             cloud=pending.cloud,
-            object=str(self._value('object')),
+            object=str(values['object']),
             triangles=None if surface is None else self._triangles,
             rest=None if surface is None else surface.rest,
             deformed=None if surface is None else surface.position,
-            start=self._start(pending, surface),
+            start=start_pose(values, pending.frame, surface),
             scanner_sigma_m=sigma,
             outlier_m=outlier or None,
             undeformed=undeformed,
-            report_directory=str(self._value('report_directory')),
+            report_directory=str(values['report_directory']),
             stamp_ns=pending.stamp_ns,
-            frame=surface.frame if surface is not None else str(self._value('object_frame')),
-            notes=notes,
+            frame=surface.frame if surface is not None else str(values['object_frame']),
+            notes=remarks(
+                pending.stamp_ns, surface, float(values['surface_tolerance']), pending.forces
+            ),
         )
         if pending.future is not None:
             self._futures[job.number] = pending.future
@@ -256,36 +258,9 @@ class ScanCompareNode(Node):
         if replaced is not None:
             self._answer(Result(replaced, 0, '', 'replaced by a newer scan'))
 
-    def _timing_notes(self, pending: Pending, surface: StampedSurface | None) -> tuple[str, ...]:
-        notes = []
-        if surface is None:
-            notes.append('no deformation/surface received: compared with the object at rest')
-        elif pending.stamp_ns:
-            late = 1e-9 * (surface.stamp_ns - pending.stamp_ns)
-            if abs(late) > float(self._value('surface_tolerance')):
-                when = 'later' if late > 0 else 'earlier'
-                notes.append(f'the surface is {abs(late):.3g} s {when} than the scan')
-        if self._force:
-            forces = ', '.join(f'finger {k}: {v:.2f} N' for k, v in sorted(self._force.items()))
-            notes.append(f'forces when compared: {forces}')
-        return tuple(notes)
-
     def _undeformed_cloud(self) -> Cloud | None:
         path = str(self._value('undeformed_scan_file'))
         return Cloud(path, None, None) if path else self._undeformed
-
-    def _start(self, pending: Pending, surface: StampedSurface | None) -> Pose | None:
-        way = str(self._value('scan_start'))
-        if way == 'given':
-            return parameters.pose('scan_pose', self._value('scan_pose'))
-        if way == 'search':
-            return None
-        object_frame = str(self._value('object_frame'))
-        if surface is None or (pending.frame and pending.frame == surface.frame):
-            return IDENTITY
-        if pending.frame in ('', object_frame):
-            return parameters.pose('object_pose', self._value('object_pose'))
-        return None
 
     def _publish(self, result: Result) -> None:
         self._seconds = time.monotonic() - self._submitted

@@ -113,6 +113,10 @@ def _declared_unit(extent: float, declared: str, expected_size_m: float | None) 
         # the factor is named as a number above one, the way users know it (25.4, 1000)
         factor = factor if factor > 1.0 else 1.0 / factor
         hint = f': off by the factor {factor:.4g}, the file is in {better[0]}'
+    else:
+        for factor, words in ((25.4, 'inches were read as mm'), (1 / 25.4, 'mm as inches')):
+            if SMALLEST_PART <= ratio * factor <= LARGEST_PART:
+                hint = f': off by the factor 25.4, {words} before'
     raise UnitError(
         f'unit {declared} makes the scan {1e3 * extent * metres:.4g} mm large but the object is '
         f'{1e3 * expected_size_m:.4g} mm{hint}; state the right unit or the right object'

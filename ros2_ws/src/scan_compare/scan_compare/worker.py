@@ -43,6 +43,10 @@ FAILURES = (
     SurfaceError,
     UnitError,
 )
+READY = 'ready'
+"""First word of the process. A job sent before it would fill the pipe and hold the node up for as
+long as the imports take."""
+
 PATIENCE_S = 2.0
 """How long an ending process is waited for before it is killed [s]."""
 
@@ -195,6 +199,7 @@ def serve(connection: Connection) -> None:
     """Answer jobs until the other end closes."""
     # Ctrl-C reaches the whole process group; the node decides when this process ends
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    connection.send(READY)
     while True:
         try:
             job = connection.recv()
@@ -219,6 +224,7 @@ class Worker:
         self._process: BaseProcess | None = None
         self._running: Job | None = None
         self._waiting: Job | None = None
+        self._ready = False
         self.restarts = -1
         self.replaced = 0
         self._start()
@@ -241,10 +247,12 @@ class Worker:
         assert self._connection is not None
         try:
             if self._connection.poll():
-                result: Result = self._connection.recv()
-                self._running = None
+                answer: Result | str = self._connection.recv()
+                self._ready = True
+                if isinstance(answer, Result):
+                    self._running = None
                 self._hand_over()
-                return result
+                return answer if isinstance(answer, Result) else None
         except (EOFError, OSError):
             pass
         if self._process is not None and not self._process.is_alive():
@@ -252,7 +260,7 @@ class Worker:
         return None
 
     def _hand_over(self) -> None:
-        if self._running is not None or self._waiting is None:
+        if not self._ready or self._running is not None or self._waiting is None:
             return
         assert self._connection is not None
         self._running, self._waiting = self._waiting, None
@@ -280,6 +288,7 @@ class Worker:
     def _start(self) -> None:
         if self._connection is not None:
             self._connection.close()
+        self._ready = False
         self._connection, other = self._context.Pipe()
         self._process = self._context.Process(
             target=serve, args=(other,), name='scan_compare_worker', daemon=True

@@ -16,6 +16,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from rclpy.utilities import remove_ros_args
 
 from barrett_hand_bridge import assembly, messages, parameters
 from barrett_hand_bridge.arm_pose_node import ArmPose
@@ -290,9 +291,13 @@ class HandBridge(LifecycleNode):
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; returns the exit code."""
-    if {'-h', '--help'} & set(sys.argv[1:] if arguments is None else arguments):
+    given = remove_ros_args(sys.argv[1:] if arguments is None else arguments)
+    if {'-h', '--help'} & set(given):
         print(parameters.usage())
         return 0
+    if given:
+        print(f'hand_bridge: unknown argument {given[0]!r}; see --help', file=sys.stderr)
+        return 2
     rclpy.init(args=arguments)
     try:
         node = HandBridge()

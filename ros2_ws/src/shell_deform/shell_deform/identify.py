@@ -1,23 +1,35 @@
 """Young's modulus, and internal pressure where the data allow it, from forces and displacements.
 
 Nonlinear least squares on the nonlinear model: at each measured displacement the model's force is
-compared with the measured one, weighed by the gauge's and the encoder's uncertainty. What cannot
-be told apart is said: a force-displacement curve of a thin sphere fixes about E h^2.5, not E.
+compared with the measured one, weighed by the gauge's and the encoder's uncertainty. What all rows
+share - the gauge's zero and its gain - is estimated along with a prior of its own, so that it
+widens the answer instead of averaging out. What cannot be told apart is said: the curve of a thin
+sphere fixes about E h^2.5, not E.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from shell_deform.building import build_model, object_contacts, with_material
-from shell_deform.model import ShellModel
+from shell_deform.building import with_material
+from shell_deform.force_curve import ForceCurve, IdentificationError
 from shell_deform.objects import ShellObject
-from shell_deform.solve.equilibrium import displaced, forced
-from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.theory.thin_wall import excess_stiffness
+
+__all__ = [
+    'ForceCurve',
+    'IdentificationError',
+    'Identified',
+    'SqueezeData',
+    'cross_validate',
+    'identify',
+    'squeeze_data',
+    'thickness_sensitivity',
+]
 
 Array = NDArray[np.float64]
 
@@ -25,12 +37,6 @@ Array = NDArray[np.float64]
 NINETY_PERCENT = 1.6448536269514722
 # A parameter is told apart when its relative sigma is below this.
 SEPARABLE_SIGMA = 0.25
-# Thin-shell theory is stiffer than a solid by up to this at h/R 0.08: E comes out low.
-SOLID_BIAS = 0.10
-
-
-class IdentificationError(ValueError):
-    """Data from which nothing can be identified."""
 
 
 @dataclass(frozen=True)
@@ -39,28 +45,38 @@ class SqueezeData:
 
     Attributes:
         force: (n,) push of each contact [N]. displacement: (n,) of its centre along its axis [m].
-        sigma_force: (n,) [N]. sigma_displacement: (n,) [m].
+        sigma_force: (n,) of each row by itself [N]. sigma_displacement: (n,) [m].
+        sigma_zero: of the gauge's zero, the same error in all rows [N].
+        sigma_gain: of the gauge's gain, relative [-].
     """
 
     force: Array
     displacement: Array
     sigma_force: Array
     sigma_displacement: Array
+    sigma_zero: float = 0.0
+    sigma_gain: float = 0.0
 
     def __post_init__(self) -> None:
         columns = (self.force, self.displacement, self.sigma_force, self.sigma_displacement)
         if len({len(column) for column in columns}) != 1 or len(self.force) == 0:
             raise IdentificationError('every column of the data needs the same, non-zero length')
-        for name, column in zip(('force', 'displacement'), columns, strict=False):
+        names = ('force', 'displacement', 'sigma_force', 'sigma_displacement')
+        for name, column in zip(names, columns, strict=True):
             if not np.all(np.isfinite(column)):
                 row = int(np.flatnonzero(~np.isfinite(column))[0])
                 raise IdentificationError(f'{name} of row {row + 1} is {column[row]}')
-        if not np.all(self.displacement > 0):
-            row = int(np.flatnonzero(~(self.displacement > 0))[0])
-            raise IdentificationError(
-                f'displacement of row {row + 1} is {self.displacement[row]} m; only squeezed '
-                'states (above 0) say something'
-            )
+        for name, column in zip(names[1:], columns[1:], strict=True):
+            bad = np.flatnonzero(~(column > 0))
+            if len(bad):
+                raise IdentificationError(
+                    f'{name} of row {bad[0] + 1} is {column[bad[0]]:g}; it must be above 0'
+                    + ('; only squeezed states say something' if name == 'displacement' else '')
+                )
+        for name in ('sigma_zero', 'sigma_gain'):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise IdentificationError(f'{name} is {value}; it must be finite, not negative')
 
     def rows(self, chosen: NDArray[np.int64]) -> SqueezeData:
         """Some of the rows."""
@@ -69,6 +85,8 @@ class SqueezeData:
             self.displacement[chosen],
             self.sigma_force[chosen],
             self.sigma_displacement[chosen],
+            self.sigma_zero,
+            self.sigma_gain,
         )
 
 
@@ -77,11 +95,15 @@ class Identified:
     """What the data say.
 
     Attributes:
-        names: identified parameters, 'young_modulus_pa' and perhaps 'gauge_pressure_pa'.
-        values, sigma: (k,) best values and one standard deviation.
+        names: identified parameters: 'young_modulus_pa', perhaps 'gauge_pressure_pa'.
+        values, sigma: (k,) best values and one standard deviation, the gauge's zero and gain
+            included.
         correlation: (k, k). fitted_force: (n,) of the model at the measured displacements [N].
+        zero_force: zero of the gauge that the data ask for [N]; 0 without `sigma_zero`.
         reduced_chi_square: near 1 when model and noise explain the data.
         stiffness_product: E h^2.5 [Pa m^2.5], what a thin sphere's curve really fixes.
+        solid_modulus, solid_sigma: modulus of the rubber itself [Pa]: thin-shell theory is too
+            stiff, by something between nothing and the share of `excess_stiffness`.
         statement: sentences on what is and is not separable.
     """
 
@@ -90,82 +112,21 @@ class Identified:
     sigma: Array
     correlation: Array
     fitted_force: Array
+    zero_force: float
     reduced_chi_square: float
     stiffness_product: float
+    solid_modulus: float
+    solid_sigma: float
     statement: tuple[str, ...]
 
     def interval(self, name: str) -> tuple[float, float]:
-        """90 % interval of a parameter."""
-        k = self.names.index(name)
-        half = NINETY_PERCENT * self.sigma[k]
-        return float(self.values[k] - half), float(self.values[k] + half)
-
-
-class ForceCurve:
-    """Force of each contact at given displacements, for any modulus and gauge pressure.
-
-    The mesh is built once; the wall is proportional to the modulus, so only its stiffness changes.
-    """
-
-    def __init__(
-        self,
-        shell_object: ShellObject,
-        pin_radius: float | None = None,
-        theory: str = 'koiter',
-        control_vertices: int | None = None,
-    ) -> None:
-        self.shell_object = shell_object
-        self._model = build_model(shell_object, theory, control_vertices, refine_radius=pin_radius)
-        self._contacts = object_contacts(shell_object, self._model, pin_radius)
-        self._known: dict[bytes, Array] = {}
-
-    def model(self, young: float, gauge: float) -> ShellModel:
-        """The shell with this modulus [Pa] and gauge pressure [Pa]."""
-        factor = young / self.shell_object.young_modulus_pa
-        wall = self._model.shell.stiffened(factor)
-        gas = self._model.gas
-        if gas.is_sealed:
-            gas = replace(gas, gauge_pressure=gauge)
-        return replace(self._model, shell=wall, gas=gas)
-
-    def force(self, displacement: Array, young: float, gauge: float = 0.0) -> Array:
-        """(n,) mean force of the contacts [N] at displacements (n,) [m], in any order.
-
-        Displacements count from the state that the gas pressure alone gives. Raises
-        IdentificationError where the shell has no equilibrium.
-        """
-        if not self._model.gas.is_sealed:
-            # without gas every force is proportional to the modulus
-            own = self.shell_object.young_modulus_pa
-            key = np.ascontiguousarray(displacement).tobytes()
-            if key not in self._known:
-                self._known[key] = self._solved(displacement, own, 0.0)
-            return young / own * self._known[key]
-        return self._solved(displacement, young, gauge)
-
-    def _solved(self, displacement: Array, young: float, gauge: float) -> Array:
-        model = self.model(young, gauge)
-        solver = EquilibriumSolver(model)
-        state = solver.rest()
-        start = np.zeros(len(self._contacts))
-        if gauge:
-            state = solver.solve(displaced(self._contacts, start), state)
-            start = self._blown(solver)
-        result = np.empty(len(displacement))
-        for i in np.argsort(displacement):
-            case = displaced(self._contacts, start + displacement[i])
-            state = solver.solve(case, state)
-            if not state.converged:
-                raise IdentificationError(
-                    f'{self.shell_object.name}: no equilibrium at {displacement[i]:g} m with '
-                    f'E {young:.4g} Pa, gauge pressure {gauge:.4g} Pa: {state.message}'
-                )
-            result[i] = float(np.mean(state.force))
-        return result
-
-    def _blown(self, solver: EquilibriumSolver) -> Array:
-        """Displacement of the contact centres [m] when only the gas presses."""
-        return solver.solve(forced(self._contacts, [0.0] * len(self._contacts))).displacement
+        """90 % interval of a parameter, or of 'solid_modulus_pa'."""
+        if name == 'solid_modulus_pa':
+            value, sigma = self.solid_modulus, self.solid_sigma
+        else:
+            k = self.names.index(name)
+            value, sigma = float(self.values[k]), float(self.sigma[k])
+        return value - NINETY_PERCENT * sigma, value + NINETY_PERCENT * sigma
 
 
 def identify(
@@ -190,35 +151,64 @@ def identify(
     slope = _slope(curve, data, young, gauge)
     sigma = np.hypot(data.sigma_force, slope * data.sigma_displacement)
     scale = max(shell_object.gas.ambient_pa, 1.0)
+    wanted = 2 if pressure else 1
+    # measured = (1 + gain) model + zero; both have a prior of width one in these units
+    shared = [data.sigma_zero > 0.0, data.sigma_gain > 0.0]
+    priors = sum(shared)
 
-    def residual(parameters: Array) -> Array:
+    known: dict[tuple[float, float], Array] = {}
+
+    def model_force(parameters: Array) -> tuple[Array, Array]:
         e = float(np.exp(parameters[0]))
         p = float(parameters[1]) * scale if pressure else gauge
-        return (curve.force(data.displacement, e, p) - data.force) / sigma
+        if (e, p) not in known:
+            known[e, p] = curve.force(data.displacement, e, p)
+        return known[e, p], parameters[wanted:]
 
-    first = [np.log(young)] + ([gauge / scale] if pressure else [])
-    bounds = ([-np.inf] + [-0.5] * pressure, [np.inf] + [10.0] * pressure)
+    def residual(parameters: Array) -> Array:
+        force, nuisance = model_force(parameters)
+        zero, gain = _shared(nuisance, shared)
+        expected = force * (1.0 + gain * data.sigma_gain) + zero * data.sigma_zero
+        return np.concatenate([(expected - data.force) / sigma, nuisance])
+
+    first = [np.log(young)] + [gauge / scale] * pressure + [0.0] * priors
+    low = [-np.inf] + [-0.5] * pressure + [-np.inf] * priors
+    high = [np.inf] + [10.0] * pressure + [np.inf] * priors
     fit = least_squares(
-        residual, first, diff_step=1e-4, xtol=1e-8, ftol=1e-10, x_scale='jac', bounds=bounds
+        residual, first, diff_step=1e-4, xtol=1e-8, ftol=1e-10, x_scale='jac', bounds=(low, high)
     )
-    covariance = np.linalg.pinv(fit.jac.T @ fit.jac)
-    free = max(1, len(data.force) - len(first))
-    chi = float(2.0 * fit.cost / free)
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac)[:wanted, :wanted]
+    free = max(1, len(data.force) - wanted)
     deviation = np.sqrt(np.diag(covariance))
-    values = [float(np.exp(fit.x[0]))] + ([float(fit.x[1]) * scale] if pressure else [])
-    sigmas = np.array([values[0] * deviation[0]] + ([deviation[1] * scale] if pressure else []))
-    names = ('young_modulus_pa', 'gauge_pressure_pa')[: len(values)]
+    values = np.array([np.exp(fit.x[0]), *(scale * fit.x[1:wanted])])
+    sigmas = deviation * np.array([values[0], scale][:wanted])
     correlation = covariance / np.outer(deviation, deviation)
+    force, nuisance = model_force(fit.x)
+    zero = _shared(nuisance, shared)[0] * data.sigma_zero
+    excess = excess_stiffness(curve.thickness_over_radius)
+    # anything between none and all of the excess, since it fades in deep dents
+    solid = float(values[0]) * (1.0 + 0.5 * excess)
+    bias_sigma = float(values[0]) * excess / np.sqrt(12.0)
     return Identified(
-        names=names,
-        values=np.array(values),
+        names=('young_modulus_pa', 'gauge_pressure_pa')[:wanted],
+        values=values,
         sigma=sigmas,
         correlation=correlation,
-        fitted_force=data.force + fit.fun * sigma,
-        reduced_chi_square=chi,
-        stiffness_product=values[0] * shell_object.thickness_m**2.5,
-        statement=_statement(shell_object, values, sigmas, correlation),
+        fitted_force=force,
+        zero_force=zero,
+        reduced_chi_square=float(2.0 * fit.cost / free),
+        stiffness_product=float(values[0]) * shell_object.thickness_m**2.5,
+        solid_modulus=solid,
+        solid_sigma=float(np.hypot(sigmas[0], bias_sigma)),
+        statement=_statement(shell_object, values, sigmas, correlation, excess),
     )
+
+
+def _shared(nuisance: Array, present: list[bool]) -> tuple[float, float]:
+    """Zero and gain in units of their priors, 0 where the data have no such error."""
+    values = iter(nuisance.tolist())
+    zero = next(values) if present[0] else 0.0
+    return zero, next(values) if present[1] else 0.0
 
 
 def cross_validate(
@@ -235,7 +225,8 @@ def cross_validate(
         )
     small, large = data.rows(order[:fitted_rows]), data.rows(order[fitted_rows:])
     found = identify(curve, small)
-    return found, curve.force(large.displacement, float(found.values[0]))
+    gauge = curve.shell_object.gas.gauge_pressure_pa
+    return found, found.zero_force + curve.force(large.displacement, float(found.values[0]), gauge)
 
 
 def thickness_sensitivity(shell_object: ShellObject, data: SqueezeData) -> float:
@@ -263,14 +254,15 @@ def _slope(curve: ForceCurve, data: SqueezeData, young: float, gauge: float) -> 
 
 
 def _statement(
-    shell_object: ShellObject, values: list[float], sigma: Array, correlation: Array
+    shell_object: ShellObject, values: Array, sigma: Array, correlation: Array, excess: float
 ) -> tuple[str, ...]:
     found = [
         'Modulus and thickness are not separable by forces and displacements: with another '
         f'thickness h the same curve gives about E times '
         f'({shell_object.thickness_m * 1e3:g} mm / h)^2.5: what is fixed is E h^2.5.',
-        f'A thin-shell fit of a solid wall gives E low by up to {100 * SOLID_BIAS:.0f} % at '
-        'h/R 0.08; it is the right modulus for predictions by this model.',
+        f'A thin-shell fit of a solid wall gives E low by up to {100 * excess:.0f} % at this '
+        'thickness over radius; it is the right modulus for predictions by this model, the '
+        'solid modulus is that of the material.',
     ]
     if len(values) == 2:
         strength = abs(float(correlation[0, 1]))
@@ -287,7 +279,13 @@ def _statement(
     return tuple(found)
 
 
-def squeeze_data(table: Array, sigma_force: float, sigma_displacement: float) -> SqueezeData:
+def squeeze_data(
+    table: Array,
+    sigma_force: float,
+    sigma_displacement: float,
+    sigma_zero: float = 0.0,
+    sigma_gain: float = 0.0,
+) -> SqueezeData:
     """Data from rows (n, 2 to 4): force [N], displacement [m], then their sigmas if given."""
     table = np.atleast_2d(np.asarray(table, dtype=float))
     if table.shape[1] not in (2, 3, 4):
@@ -301,4 +299,6 @@ def squeeze_data(table: Array, sigma_force: float, sigma_displacement: float) ->
         table[:, 1],
         table[:, 2] if table.shape[1] > 2 else np.full(count, sigma_force),
         table[:, 3] if table.shape[1] > 3 else np.full(count, sigma_displacement),
+        sigma_zero,
+        sigma_gain,
     )

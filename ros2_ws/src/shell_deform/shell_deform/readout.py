@@ -107,11 +107,16 @@ def von_mises(stress: Array) -> Array:
     return np.sqrt(s_1**2 + s_2**2 - s_1 * s_2 + 3.0 * s_12**2)
 
 
-def thickness_warning(model: ShellModel) -> str | None:
-    """A sentence when the wall is too thick for thin-shell theory, else None."""
+def wall_ratio(model: ShellModel) -> float:
+    """Thickness over the smaller radius of curvature of the undeformed shell."""
     b_11, b_12, b_22 = model.shell.reference.curvature.T
     mean, gauss = 0.5 * (b_11 + b_22), b_11 * b_22 - b_12**2
-    return thick_wall_warning(thickness_over_radius(mean, gauss, model.shell.thickness))
+    return thickness_over_radius(mean, gauss, model.shell.thickness)
+
+
+def thickness_warning(model: ShellModel) -> str | None:
+    """A sentence when the wall is too thick for thin-shell theory, else None."""
+    return thick_wall_warning(wall_ratio(model))
 
 
 def _warnings(

@@ -24,11 +24,19 @@ def build_parser() -> argparse.ArgumentParser:
         description='Solve the loads of a recorded grasp by linear, paper and koiter theory, hold '
         'the deformed surfaces against its scans, and write results.json, table.csv, samples.csv, '
         'report.html and pictures.',
-        epilog='The same bag gives the same bytes. With several bags or a grid each run gets a '
-        'folder of its own, named by its content, and campaign.json lists them.',
+        epilog='Instead of a bag, a published table (bags/published/table1.yaml): what its forces '
+        'and displacements say of the modulus, the air and the theories, as table_one.html and '
+        'table_one.json. The same bag gives the same bytes. With several bags or a grid each run '
+        'gets a folder of its own, named by its content, and campaign.json lists them.',
     )
     add = parser.add_argument
-    add('bags', nargs='+', type=Path, metavar='BAG', help='bag directory or .mcap file')
+    add(
+        'bags',
+        nargs='+',
+        type=Path,
+        metavar='BAG',
+        help='bag directory or .mcap file, or one published table (.yaml)',
+    )
     add('--out', type=Path, required=True, metavar='DIR', help='where the files go')
     add('--object', metavar='NAME|FILE', help='object (default: what experiment.yaml names)')
     add(
@@ -65,7 +73,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for variable in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
         os.environ.setdefault(variable, '1')
     several = len(options.bags) > 1 or options.grid or options.scheduler
+    tables = [bag for bag in options.bags if bag.suffix in ('.yaml', '.yml')]
+    if tables and several:
+        parser.error(f'{tables[0]} is a published table: give it alone')
     try:
+        if tables:
+            return _published(options)
         return _many(options) if several else _one(options)
     except BagError as error:
         print(f'grasp_report: {error}', file=sys.stderr)
@@ -87,6 +100,22 @@ def _one(options: argparse.Namespace) -> int:
     return 0
 
 
+def _published(options: argparse.Namespace) -> int:
+    from grasp_replay.results import aligned
+    from grasp_replay.table_one.page import lines, write_table_one
+    from grasp_replay.table_one.study import table_one
+
+    with progress_bar('grasp_report', 1.0) as show:
+        study = table_one(options.bags[0], show)
+    page = write_table_one(study, options.out)
+    if options.json:
+        print(json.dumps(study, indent=1, allow_nan=False))
+    else:
+        print(aligned(lines(study)))
+        print(page)
+    return 0
+
+
 def _many(options: argparse.Namespace) -> int:
     from grasp_replay.campaign import Task, parse_grid, run_campaign
 
@@ -98,6 +127,7 @@ def _many(options: argparse.Namespace) -> int:
             'object' if any(key == 'young_modulus_pa' for key, _ in changes) else options.young,
             not options.no_page,
             not options.no_samples,
+            options.published and options.published.resolve(),
         )
         for bag in options.bags
         for changes in parse_grid(options.grid)

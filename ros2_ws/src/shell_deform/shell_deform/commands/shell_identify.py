@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -26,6 +28,9 @@ from shell_deform.objects import load_object
 # One count of the 8-bit gauge at 50 mm, as a standard deviation; a twentieth of a millimetre.
 DEFAULT_SIGMA_FORCE_N = 0.06
 DEFAULT_SIGMA_DISPLACEMENT_M = 5e-5
+# A zero that drifts by half a count during a grasp; a calibration with known weights.
+DEFAULT_SIGMA_ZERO_N = 0.1
+DEFAULT_SIGMA_GAIN = 0.01
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,7 +54,7 @@ def _identify(options: argparse.Namespace) -> None:
     exponent = thickness_sensitivity(shell_object, data)
     next(steps, None)
     if options.plot:
-        _plot(options.plot, curve, data, found)
+        _plot(options.plot, curve, data, found, held_out)
     if options.json:
         print_json(_document(data, found, held_out, exponent))
         return
@@ -63,14 +68,32 @@ def _read(options: argparse.Namespace) -> SqueezeData:
     if path.is_dir() or path.suffix in ('.mcap', '.db3'):
         from shell_deform.squeeze_bag import read_squeeze
 
-        return read_squeeze(path)
+        data = read_squeeze(path)
+        return replace(data, sigma_zero=options.sigma_zero, sigma_gain=options.sigma_gain)
+    table = _table(path)
+    return squeeze_data(
+        table,
+        options.sigma_force,
+        options.sigma_displacement,
+        options.sigma_zero,
+        options.sigma_gain,
+    )
+
+
+def _table(path: Path) -> np.ndarray:
+    """(n, c) numbers of a CSV file; a first line of headings is left out."""
     try:
-        table = np.genfromtxt(path, delimiter=',', comments='#', ndmin=2)
-        if np.isnan(table[0]).any():
-            table = table[1:]
-    except ValueError as error:
-        raise CommandError(f'{path}: {str(error).splitlines()[0]}') from error
-    return squeeze_data(table, options.sigma_force, options.sigma_displacement)
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', UserWarning)
+            table = np.genfromtxt(path, delimiter=',', comments='#', ndmin=2)
+    except (ValueError, UnicodeDecodeError) as error:
+        lines = ' '.join(str(error).split())
+        raise CommandError(f'{path}: rows differ in their number of columns: {lines}') from error
+    if len(table) and np.isnan(table[0]).all():
+        table = table[1:]
+    if table.size == 0:
+        raise CommandError(f'{path}: holds no numbers; give lines of force_n, displacement_m')
+    return np.asarray(table)
 
 
 def _document(
@@ -89,6 +112,12 @@ def _document(
     }
     document: dict[str, object] = {
         'parameters': parameters,
+        'solid_modulus_pa': {
+            'value': found.solid_modulus,
+            'sigma': found.solid_sigma,
+            'interval_90': list(found.interval('solid_modulus_pa')),
+        },
+        'zero_force_n': found.zero_force,
         'correlation': found.correlation.tolist(),
         'reduced_chi_square': found.reduced_chi_square,
         'e_h_2_5_pa_m_2_5': found.stiffness_product,
@@ -124,6 +153,13 @@ def _print(
     for name, value in zip(found.names, found.values, strict=True):
         low, high = found.interval(name)
         console.print(f'{name}: {value:.5g}, 90 % interval {low:.5g} to {high:.5g}')
+    low, high = found.interval('solid_modulus_pa')
+    console.print(
+        f'modulus of the material, if its wall is a solid: {found.solid_modulus:.5g} Pa, '
+        f'90 % interval {low:.5g} to {high:.5g}'
+    )
+    if found.zero_force:
+        console.print(f'zero of the gauge {found.zero_force:+.3f} N')
     console.print(f'reduced chi-square {found.reduced_chi_square:.2f}')
     console.print(f'force grows as E h^{exponent:.2f} over these data')
     if held_out is not None:
@@ -138,37 +174,53 @@ def _print(
         console.print(sentence)
 
 
-def _plot(path: Path, curve: ForceCurve, data: SqueezeData, found: Identified) -> None:
+def _plot(
+    path: Path,
+    curve: ForceCurve,
+    data: SqueezeData,
+    found: Identified,
+    held_out: tuple[Identified, np.ndarray] | None,
+) -> None:
+    """Measured points, the fit and what the small loads alone predict, with 90 % bands."""
     matplotlib.use('Agg')
     import matplotlib.pyplot as plt
 
     depth = np.linspace(0.02, 1.1, 24) * data.displacement.max()
     young = float(found.values[0])
-    gauge = float(found.values[1]) if len(found.values) > 1 else 0.0
-    low, high = found.interval('young_modulus_pa')
     figure, axes = plt.subplots(figsize=(6.5, 4.5), dpi=140)
-    axes.fill_between(
-        1e3 * depth,
-        curve.force(depth, max(low, 1e-3 * young), gauge),
-        curve.force(depth, high, gauge),
-        alpha=0.3,
-        label='90 % band of the modulus',
-    )
-    axes.plot(1e3 * depth, curve.force(depth, young, gauge), label='nonlinear model')
+    lines = [(found, 'fitted on all rows', '-', '#00457c')]
+    if held_out is not None:
+        lines.append((held_out[0], 'predicted from the small loads', '--', '#c05a00'))
+    for fit, label, style, colour in lines:
+        own = curve.shell_object.gas.gauge_pressure_pa
+        gauge = float(fit.values[1]) if len(fit.values) > 1 else own
+        value = float(fit.values[0])
+        low, high = fit.interval('young_modulus_pa')
+        axes.fill_between(
+            1e3 * depth,
+            curve.force(depth, max(low, 1e-3 * value), gauge),
+            curve.force(depth, high, gauge),
+            alpha=0.25,
+            color=colour,
+            label=f'90 % band, {label}',
+        )
+        axes.plot(1e3 * depth, curve.force(depth, value, gauge), style, color=colour, label=label)
     axes.errorbar(
         1e3 * data.displacement,
-        data.force,
+        data.force - found.zero_force,
         yerr=data.sigma_force,
         xerr=1e3 * data.sigma_displacement,
-        fmt='o',
+        fmt='ko',
+        ms=4,
         capsize=2,
-        label='measured',
+        label='measured' + (', zero of the gauge taken off' if found.zero_force else ''),
     )
     axes.set_xlabel('displacement of each contact [mm]')
     axes.set_ylabel('force of each contact [N]')
     axes.set_title(f'{curve.shell_object.name}: E = {young / 1e6:.4g} MPa')
-    axes.legend()
-    figure.savefig(path, bbox_inches='tight')
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize='small')
+    figure.savefig(path, bbox_inches='tight', metadata={'Software': None})
     plt.close(figure)
 
 
@@ -198,6 +250,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--sigma-displacement', type=float, default=DEFAULT_SIGMA_DISPLACEMENT_M, metavar='M',
         help='displacement uncertainty [m] where the table has none (default %(default)s)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--sigma-zero', type=float, default=DEFAULT_SIGMA_ZERO_N, metavar='N',
+        help="zero of the gauge, the same error in all rows [N] (default %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        '--sigma-gain', type=float, default=DEFAULT_SIGMA_GAIN, metavar='SHARE',
+        help="relative uncertainty of the gauge's gain [-] (default %(default)s)",
     )  # fmt: skip
     parser.add_argument('--plot', type=Path, metavar='FILE', help='curves with bands (PNG)')
     parser.add_argument('--json', action='store_true', help='one JSON document on stdout')

@@ -1,0 +1,1 @@
+"""The published Table I, settled: what its forces and displacements say, and what they cannot."""

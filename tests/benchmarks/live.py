@@ -1,21 +1,17 @@
-"""Figures of the live estimator: ticks, refreshes, the error of what is served, latencies.
+"""Figures of the live estimator without ROS: ticks, refreshes, the error of what is served.
 
-Part one runs the tick and a spawned background process without ROS; part two the real node against
-a publisher and, in the same run, an echo node. `main` prints rows (what, value, goal).
+The tick runs in this process beside a spawned background process; `live_node.py` measures the
+node. `main` prints rows (what, value, goal).
 
-    python tests/benchmarks/live.py [--seconds 60] [--runs 5] [--skip-ros] [--picture FILE]
+    python tests/benchmarks/live.py [--skip-fine]
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import subprocess
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -246,71 +242,16 @@ def noise_rows(vertices: int, seeds: int = 10) -> list[Row]:
     ]
 
 
-def latency_rows(seconds: float, runs: int, picture: Path | None) -> list[Row]:
-    """Message in to message out of the real node and of an echo node, at 250 Hz."""
-    here = Path(__file__).parent
-    medians, extras, lost, histograms = [], [], 0, []
-    for _ in range(runs):
-        environment = {**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-        output = subprocess.run(
-            [sys.executable, str(here / 'live_latency.py'), str(seconds)],
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=seconds + 120,
-            check=True,
-        ).stdout
-        found = json.loads(output)
-        node, echo = np.array(found['deformation']), np.array(found['echo'])
-        medians.append(float(np.median(node)))
-        extras.append(float(np.percentile(node, 99) - np.percentile(echo, 99)))
-        lost += found['sent'] - len(node)
-        histograms.append((node, echo))
-    if picture is not None:
-        _draw(picture, *histograms[-1])
-    return [
-        (
-            'contacts in to surface out, 250 Hz, median',
-            f'{1e3 * np.median(medians):.2f} ms',
-            '<= 2 ms',
-        ),
-        ('its p99 above that of an echo node', f'{1e3 * np.median(extras):.2f} ms', '<= 3 ms'),
-        ('samples not answered', f'{lost}', '0'),
-    ]
-
-
-def _draw(picture: Path, node: np.ndarray, echo: np.ndarray) -> None:
-    import matplotlib
-
-    matplotlib.use('Agg')
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(7, 3.5))
-    bins = np.linspace(0.0, 10.0, 101)
-    axes.hist(1e3 * echo, bins, alpha=0.6, label='echo node')
-    axes.hist(1e3 * node, bins, alpha=0.6, label='deformation')
-    axes.set(xlabel='message in to message out [ms]', ylabel='samples', yscale='log')
-    axes.legend()
-    figure.tight_layout()
-    figure.savefig(picture, dpi=120)
-
-
 def main() -> int:
     """Print all rows; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--seconds', type=float, default=10.0, help='length of a latency run')
-    parser.add_argument('--runs', type=int, default=1, help='latency runs')
-    parser.add_argument('--skip-ros', action='store_true')
     parser.add_argument('--skip-fine', action='store_true', help='only about 700 vertices')
-    parser.add_argument('--picture', type=Path, help='save the latency histogram here')
     options = parser.parse_args()
     rows = tick_rows(640, '<= 0.2 ms')
     rows += squeeze_rows(640, '>= 20 Hz')
     rows += noise_rows(640)
     if not options.skip_fine:
         rows += tick_rows(2500, '<= 0.5 ms') + squeeze_rows(2500, '>= 5 Hz')
-    if not options.skip_ros:
-        rows += latency_rows(options.seconds, options.runs, options.picture)
     for row in rows:
         print(' | '.join(row))
     return 0

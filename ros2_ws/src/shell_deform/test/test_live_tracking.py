@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from shell_deform.building import build_model
 from shell_deform.live.condensed import contact_rows
 from shell_deform.live.tracking import EquilibriumTracker, Target
+from shell_deform.objects import load_object
 from shell_deform.solve.equilibrium import displaced
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.theory.gas import Gas
@@ -103,6 +105,15 @@ def test_a_squeezed_ball_is_stable_under_force_and_motion(tracker):
     tracker.condense()
     assert tracker.system().negative_modes == 0
     assert tracker.system().negative_modes_driven(np.ones(2, bool)) == 0
+
+
+def test_a_supported_shell_without_contacts_has_columns_too():
+    model = build_model(load_object('half_soda_can'), control_vertices=200)
+    tracker = EquilibriumTracker(model)
+    tracker.set_contacts(contact_rows(model, ()), np.zeros(0))
+    condensed = tracker.condense()
+    assert condensed.fields.shape == (3 * len(model.rest), 1)
+    assert np.abs(condensed.fields).max() < 1e-9
 
 
 def test_a_body_without_contacts_stays_at_rest(model):

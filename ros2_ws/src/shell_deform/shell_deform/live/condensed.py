@@ -140,7 +140,8 @@ class CondensedSystem:
         )
         elastic = tangent.gradient + tangent.gas_pressure * tangent.gas_row
         loads = np.concatenate([rows.push, -elastic[:, None]], axis=1)
-        fields, multipliers = self.solve(loads, np.zeros((rows.constraints.shape[1], 1)))
+        nothing = np.zeros((rows.constraints.shape[1], loads.shape[1]))
+        fields, multipliers = self.solve(loads, nothing)
         self.push_fields, self._modulus_field = np.split(fields, [rows.contacts], axis=1)
         self.push_multipliers, self._modulus_multipliers = np.split(
             multipliers, [rows.contacts], axis=1

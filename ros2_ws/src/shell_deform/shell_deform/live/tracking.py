@@ -169,6 +169,8 @@ class EquilibriumTracker:
     def _linearise(self, positions: Array) -> None:
         """Factorise the tangent at control `positions` (n, 3), unless one is kept."""
         if self._tangent is None or self._factor is None:
+            # The old factor goes first: two of them are the largest thing in memory.
+            self._factor = self._system = None
             self._tangent = self.model.tangent(positions)
             self._factor = factorise_sprung(self._solver, self._tangent)
             self.factorisations += 1

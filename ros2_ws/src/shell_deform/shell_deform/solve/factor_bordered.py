@@ -121,7 +121,8 @@ class BorderedFactor:
         g = np.zeros((len(self._corner), f.shape[1]))
         if border_rhs is not None:
             try:
-                g[: self._count] = np.broadcast_to(border_rhs, shape).reshape(self._count, -1)
+                given = np.broadcast_to(border_rhs, shape)
+                g[: self._count] = given.reshape(self._count, f.shape[1])
             except ValueError:
                 raise FactorError(
                     f'border right-hand side of shape {np.shape(border_rhs)}, needed is {shape}'

@@ -217,6 +217,20 @@ def test_breakaway_positions_are_read_when_asked_for(emulated):
     assert hand.sample(None).breakaway_counts == (2000, None, None)
 
 
+def test_a_firmware_without_sgflip_is_taken_as_not_flipped(emulated, monkeypatch):
+    known = emulated.motor_limits
+    monkeypatch.setattr(emulated, 'motor_limits', lambda n: None if n == 'SGFLIP' else known(n))
+    hand, _, _ = connect(emulated)
+    hand.initialize()
+    assert hand.sample(None).gauge_counts[1] == emulated.mechanics.gauges[2].counts
+
+
+def test_breakaway_of_old_firmware_is_refused_with_its_number():
+    emulated = EmulatedHand(HandMechanics(HandBody(), seed=2), firmware=(4, 3, 1))
+    with pytest.raises(HandError, match='need firmware 4.4, this hand has 4.3'):
+        connect(emulated, feedback=('position', 'breakaway'))
+
+
 def test_changes_of_position_add_up_to_the_position(emulated):
     hand, facts, _ = connect(emulated, feedback=('strain', 'delta'))
     assert facts.ceiling_hz == pytest.approx(107, abs=0.5)

@@ -173,6 +173,13 @@ def test_temperature_takes_one_byte_from_firmware_4_4_on(hand):
     assert len(hand.take()) == 3
 
 
+def test_firmware_4_3_does_not_know_the_flags_of_4_4():
+    hand = SerialHand(HandMechanics(HandBody(), seed=3), firmware=(4, 3, 1))
+    hand.take()
+    assert answer(hand, '1FSET LFBP 0').endswith(b'ERR 64\n\r=> ')
+    assert b'LFBP' not in answer(hand, 'FLIST')
+
+
 def test_an_invalid_header_ends_the_loop_with_2048(hand):
     initialise(hand)
     answer(hand, 'LOOP')

@@ -16,7 +16,6 @@ from barrett_hand_bridge.emulator.serial_parameters import (
     ALIASES,
     BAUD_CODES,
     GLOBAL_PARAMETERS,
-    MOTOR_PARAMETERS,
     MOTORS,
     ParameterStore,
 )
@@ -229,7 +228,7 @@ class SerialHand(SerialState):
         values: list[int | str] = []
         for word in words:
             name = ALIASES.get(word, word)
-            if name not in MOTOR_PARAMETERS:
+            if self.motor_limits(name) is None:
                 raise RefusedError(UNKNOWN_PARAMETER)
             values += [self.motor_value(motor, name) for motor in self._motors(prefix)]
         return values
@@ -237,7 +236,7 @@ class SerialHand(SerialState):
     def _set_motor(self, prefix: str, words: list[str]) -> list[int | str]:
         for name, value in name_value_pairs(words):
             name = ALIASES.get(name, name)
-            check_value(MOTOR_PARAMETERS.get(name), value)
+            check_value(self.motor_limits(name), value)
             for motor in self._motors(prefix):
                 self.parameters.motor[motor][name] = value
         return []

@@ -13,17 +13,24 @@ MOTORS = (1, 2, 3, 4)
 
 @dataclass(frozen=True)
 class Limits:
-    """Range and start value of one parameter; a parameter that only reads has no start value."""
+    """Range and start value of one parameter, and the first firmware that has it.
+
+    A parameter that only reads has no start value.
+    """
 
     lowest: int
     highest: int
     start: int = 0
     start_spread: int | None = None
     read_only: bool = False
+    since: tuple[int, int] = (0, 0)
 
 
-def _flag(start: int) -> Limits:
-    return Limits(0, 1, start)
+FIRMWARE_4_4 = (4, 4)
+
+
+def _flag(start: int, since: tuple[int, int] = (0, 0)) -> Limits:
+    return Limits(0, 1, start, since=since)
 
 
 MOTOR_PARAMETERS: dict[str, Limits] = {
@@ -52,15 +59,15 @@ MOTOR_PARAMETERS: dict[str, Limits] = {
     'LCV': _flag(1),
     'LCVC': Limits(0, 255, 1),
     'LCPG': _flag(1),
-    'LCT': _flag(0),
+    'LCT': _flag(0, FIRMWARE_4_4),
     'LFV': _flag(1),
     'LFVC': Limits(0, 255, 1),
     'LFS': _flag(1),
     'LFAP': _flag(1),
     'LFDP': _flag(1),
     'LFDPC': Limits(0, 255, 1),
-    'LFBP': _flag(0),
-    'LFAIN': _flag(0),
+    'LFBP': _flag(0, FIRMWARE_4_4),
+    'LFAIN': _flag(0, FIRMWARE_4_4),
 }
 ALIASES = {'MSG': 'HSG'}
 

@@ -7,6 +7,7 @@ from barrett_hand_bridge.emulator.serial_parameters import (
     GLOBAL_PARAMETERS,
     MOTOR_PARAMETERS,
     MOTORS,
+    Limits,
     ParameterStore,
 )
 
@@ -39,6 +40,11 @@ class SerialState:
         # The positions that the host has been told: deltas count from there.
         self.reported = dict.fromkeys(MOTORS, 0)
         self.switched_on_s = mechanics.time_s
+
+    def motor_limits(self, name: str) -> Limits | None:
+        """Limits of a motor parameter; None where this firmware does not know it."""
+        limits = MOTOR_PARAMETERS.get(name)
+        return None if limits is None or self.firmware[:2] < limits.since else limits
 
     def strain(self, motor: int) -> int:
         """What SG shows: the reading, flipped when SGFLIP is set; the spread has no gauge."""
@@ -86,7 +92,7 @@ class SerialState:
     def motor_listing(self, motors: tuple[int, ...], *, values: bool) -> list[int | str]:
         """Names of all motor parameters, each followed by its value per motor if wanted."""
         listing: list[int | str] = []
-        for name in MOTOR_PARAMETERS:
+        for name in filter(self.motor_limits, MOTOR_PARAMETERS):
             listing.append(name)
             if values:
                 listing += [self.motor_value(motor, name) for motor in motors]

@@ -134,18 +134,18 @@ class SerialHand:
             if self._temperature:
                 self.layout = replace(self.layout, temperature_bytes=temperature_bytes(firmware))
             serial_number = line.command('PGET SN').integers(1)[0]
-            flips = line.command('GFGET SGFLIP').integers(3)
+            flips = line.per_finger('SGFLIP')
             self._flipped = {finger: bool(flips[finger - 1]) for finger in FINGERS}
-            limits = line.command('GFGET HSG').integers(3)
+            limits = line.per_finger('HSG', NO_LIMIT)
             self._limits = {
                 f: limits[f - 1] if limits[f - 1] <= HIGHEST_LIMIT and not flips[f - 1] else None
                 for f in FINGERS
             }
-            self._configure(line)
-        except (HandLinkError, serial.SerialException, OSError) as error:
+            self._configure(line, firmware)
+        except (HandLinkError, ValueError, serial.SerialException, OSError) as error:
             with contextlib.suppress(serial.SerialException, OSError):
                 port.close()
-            raise HandError(f'no BarrettHand answers on the serial line: {error}') from error
+            raise HandError(f'no usable BarrettHand on the serial line: {error}') from error
         self._line = line
         if self._make_guard is not None:
             self._guard = self._make_guard(port)
@@ -159,9 +159,10 @@ class SerialHand:
             ceiling_hz=1.0 / self.cycle_s,
         )
 
-    def _configure(self, line: Line) -> None:
+    def _configure(self, line: Line, firmware: tuple[int, int]) -> None:
         for motor, block in self.layout.motors.items():
-            pairs = ' '.join(f'{name} {value}' for name, value in block.parameters().items())
+            flags = block.parameters(firmware)
+            pairs = ' '.join(f'{name} {value}' for name, value in flags.items())
             coefficient = self.layout.velocity_coefficient
             line.command(f'{motor}FSET {pairs} LCVC {coefficient} LFDPC 1')
         line.command(f'PSET LFT {int(self.layout.temperature_bytes > 0)} LFDPD 0')
@@ -230,7 +231,7 @@ class SerialHand:
         positions = line.command(f'{prefix}FGET P').integers(len(motors))
         self._positions = dict(zip(motors, positions, strict=True))
         # Where blocks do not bring it, a clutch that let go is known from here only.
-        broken = line.command('GFGET BP').integers(len(FINGERS))
+        broken = line.per_finger('BP')
         self._broken = {finger: broken[finger - 1] for finger in FINGERS}
         command = f'{prefix}LOOP'
         line.port.write(command.encode() + b'\r')

@@ -19,6 +19,7 @@ from barrett_hand_bridge.gcl.language import (
 from barrett_hand_bridge.hand import HandError
 
 BITS_PER_BYTE = 10
+UNKNOWN_PARAMETER = 64
 ANSWER_TIMEOUT_S = 2.0
 SHORT_PATIENCE_S = 0.3
 LONG_PATIENCE_S = 1.5
@@ -87,6 +88,20 @@ class Line:
         if reply.status:
             raise HandRefusedError(line, reply.status)
         return reply
+
+    def per_finger(self, name: str, missing: int = 0) -> tuple[int, int, int]:
+        """A parameter of fingers 1, 2 and 3; `missing` where the firmware does not know it.
+
+        Raises:
+            HandLinkError: no answer that can be read, or a refusal for another reason.
+        """
+        try:
+            first, second, third = self.command(f'GFGET {name}').integers(3)
+        except HandRefusedError as refused:
+            if refused.status != UNKNOWN_PARAMETER:
+                raise
+            return missing, missing, missing
+        return first, second, third
 
     def until_prompt(self, timeout_s: float = ANSWER_TIMEOUT_S, begun: bytes = b'') -> bytes:
         """What has `begun` and everything up to a prompt, or until the time is over."""

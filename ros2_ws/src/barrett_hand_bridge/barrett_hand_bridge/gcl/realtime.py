@@ -19,6 +19,7 @@ HIGHEST_FINGER_COUNTS = 17800
 HIGHEST_SPREAD_COUNTS = 3200
 LOWEST_COUNTS = -50
 SPREAD = 4
+FIRMWARE_4_4 = (4, 4)
 # What a block may bring: gauge reading, position or its change, where the clutch let go, heat.
 FEEDBACK = ('strain', 'position', 'delta', 'breakaway', 'temperature')
 
@@ -58,19 +59,29 @@ class MotorBlock:
             + self.analogue
         )
 
-    def parameters(self) -> dict[str, int]:
-        """The flags as the hand's own parameters."""
-        return {
-            'LCV': int(self.velocity_command),
-            'LCPG': int(self.gain_command),
-            'LCT': int(self.torque_command),
-            'LFV': int(self.velocity),
-            'LFS': int(self.strain),
-            'LFAP': int(self.position),
-            'LFDP': int(self.delta),
-            'LFBP': int(self.breakaway),
-            'LFAIN': int(self.analogue),
+    def parameters(self, firmware: tuple[int, int]) -> dict[str, int]:
+        """The flags as the hand's own parameters, as far as its firmware knows them.
+
+        Raises:
+            ValueError: a flag is wanted that the firmware does not have.
+        """
+        flags = {
+            'LCV': self.velocity_command,
+            'LCPG': self.gain_command,
+            'LFV': self.velocity,
+            'LFS': self.strain,
+            'LFAP': self.position,
+            'LFDP': self.delta,
         }
+        newer = {'LCT': self.torque_command, 'LFBP': self.breakaway, 'LFAIN': self.analogue}
+        if firmware >= FIRMWARE_4_4:
+            flags |= newer
+        elif any(newer.values()):
+            raise ValueError(
+                'torque commands, breakaway and analogue feedback need firmware 4.4, this hand '
+                f'has {firmware[0]}.{firmware[1]}'
+            )
+        return {name: int(flag) for name, flag in flags.items()}
 
 
 @dataclass(frozen=True)
@@ -156,7 +167,7 @@ def layout_for(
 
 def temperature_bytes(firmware: tuple[int, int]) -> int:
     """Size of the temperature in a block: the manuals of 4.3x and 4.4 differ."""
-    return 1 if firmware >= (4, 4) else 2
+    return 1 if firmware >= FIRMWARE_4_4 else 2
 
 
 def encode_control(layout: Layout, velocities: Mapping[int, float]) -> bytes:

@@ -114,10 +114,15 @@ class SteadyScale:
         return self.top
 
 
+def three_digits(value: float) -> str:
+    """A number with three significant digits and no exponent; below 1e-6 it is 0."""
+    return f'{float(f"{value:.3g}"):.10g}' if abs(value) >= 1e-6 else '0'
+
+
 def legend_html(title: str, unit: str, low: float, high: float, note: str = '') -> str:
     """The legend as HTML: what is shown, its unit, the colour bar and five numbers, a note."""
     stops = ', '.join('#' + bytes(CIVIDIS[round(k * 255 / 16)]).hex() for k in range(17))
-    numbers = ''.join(f'<span>{low + (high - low) * k / 4:.3g}</span>' for k in range(5))
+    numbers = ''.join(f'<span>{three_digits(low + (high - low) * k / 4)}</span>' for k in range(5))
     return (
         '<div class="grasp-legend" style="padding:0.2em 1em">'
         f'<div style="font-weight:600;font-size:0.85em">{title} ({unit})</div>'

@@ -6,7 +6,7 @@ import queue
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,23 +20,22 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rclpy.callback_groups import CallbackGroup
-from rclpy.client import Client
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.task import Future
 from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh as MeshMessage
-from std_msgs.msg import Float64, String
-from std_srvs.srv import Trigger
+from std_msgs.msg import Bool, Float64, String
 
 from . import messages
 from .page import BUTTONS, Page, PageError
 from .parameters import PARAMETERS, usage
 from .plot_panel import SERIES
 from .poses import Pose, PoseError
+from .replay_panel import ReplayState
 from .scene_model import CONTACT, Snapshot
+from .service_calls import ServiceCalls
 from .time_series import History, TimeSeries
 from .what_if_node import NAMESPACE, WhatIf, WhatIfError
 
@@ -55,10 +54,14 @@ NUMBERS = {
     **{f'scan/{name}': name for name in ('mean_error', 'max_error', 'noise_floor')},
 }
 SCAN_POINTS = 30_000
-SERVICE_TIMEOUT_S = 5.0
 HISTORY_PERIOD_S = 0.19
-DISCOVERY_S = 2.0
-PLAUSIBLE_LATENCY_S = 60.0
+# A replay that has not told its position for so long is gone.
+REPLAY_GONE_S = 2.0
+# Contact messages between two pictures, so that the one which a surface answers is among them.
+CONTACTS_KEPT = 40
+
+
+Take = Callable[[Any, float], None]
 
 
 class PolledGroup(CallbackGroup):
@@ -81,20 +84,10 @@ class PolledGroup(CallbackGroup):
         """Nothing was begun."""
 
 
-@dataclass
-class Asked:
-    """A service call that a button began."""
-
-    name: str
-    client: Client
-    since: float
-    future: Future | None = None
-
-
-def _qos(latched: bool, reliable: bool) -> QoSProfile:
+def _qos(latched: bool, reliable: bool, depth: int) -> QoSProfile:
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=1,
+        depth=depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
@@ -118,9 +111,10 @@ class GraspView(Node):
         self._start = time.monotonic()
         self._latency = float('nan')
         self._surface_at = float('nan')
-        self._polled: list[tuple[Any, Callable[[Any, float], None]]] = []
-        self._asked: list[Asked] = []
-        self._callers: dict[str, Client] = {}
+        self._sent: dict[float, float] = {}
+        self._replay = ReplayState(0.0, float('nan'))
+        self._replay_at = float('-inf')
+        self._polled: list[tuple[Any, Take, Take]] = []
         self._updates = 0
         self._subscribe()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -132,6 +126,7 @@ class GraspView(Node):
             self._history,
             () if self.get_parameter('what_if').value else tuple(BUTTONS),
         )
+        self._calls = ServiceCalls(self, self.page.answer)
         self.what_if: WhatIf | None = None
         if self.get_parameter('what_if').value:
             try:
@@ -179,29 +174,38 @@ class GraspView(Node):
         def listen(
             topic: str,
             kind: type,
-            take: Callable[[Any, float], None],
+            take: Take,
             *,
             latched: bool = False,
             reliable: bool = False,
+            depth: int = 1,
+            note: Take = lambda _message, _sent: None,
         ) -> None:
             subscription = self.create_subscription(
                 kind,
                 prefix + topic,
                 lambda _: None,
-                _qos(latched, latched or reliable),
+                _qos(latched, latched or reliable, depth),
                 callback_group=group,
             )
-            self._polled.append((subscription, take))
+            self._polled.append((subscription, take, note))
 
-        def keep(name: str, read: Callable[[Any], object]) -> Callable[[Any, float], None]:
+        def keep(name: str, read: Callable[[Any], object]) -> Take:
             return lambda message, _: self._keep(**{name: read(message)})
 
         listen('deformation/mesh', MeshMessage, keep('mesh', messages.read_mesh), latched=True)
         listen('deformation/state', String, keep('state', lambda m: str(m.data)), latched=True)
+        # Before the surface, so that the sample which it answers is known.
+        listen(
+            'hand/contacts',
+            PointCloud2,
+            keep('contacts', messages.read_contacts),
+            depth=CONTACTS_KEPT,
+            note=self._note_contacts,
+        )
         listen('deformation/surface', PointCloud2, self._take_surface)
         for name in ('linear', 'nonlinear'):
             listen(f'deformation/{name}', PointCloud2, keep(name, messages.read_surface))
-        listen('hand/contacts', PointCloud2, keep('contacts', messages.read_contacts))
         listen('hand/joint_states', JointState, keep('fingers', messages.read_joints))
         listen('object_pose', PoseStamped, keep('object_pose', messages.read_pose))
         for name, topic in (('scan', 'scan/points'), ('scan_error', 'scan/error')):
@@ -213,20 +217,45 @@ class GraspView(Node):
             )
         for topic, name in NUMBERS.items():
             listen(topic, Float64, self._number(name))
+        if not prefix:
+            listen(f'{self._replay_node}/position', Float64, self._take_position)
+            for name, kind in (('duration', Float64), ('paused', Bool)):
+                listen(f'{self._replay_node}/{name}', kind, self._of_replay(name), latched=True)
+
+    @property
+    def _replay_node(self) -> str:
+        return str(self.get_parameter('replay_node').value)
+
+    def _of_replay(self, name: str) -> Take:
+        def take(message: Float64 | Bool, _: float) -> None:
+            self._replay = replace(self._replay, **{name: message.data})
+
+        return take
+
+    def _take_position(self, message: Float64, _: float) -> None:
+        self._replay = replace(self._replay, position=float(message.data))
+        self._replay_at = time.monotonic()
 
     def _keep(self, **changes: Any) -> None:
         self._snapshot = replace(self._snapshot, **changes)
 
-    def _number(self, name: str) -> Callable[[Float64, float], None]:
+    def _number(self, name: str) -> Take:
         def take(message: Float64, _: float) -> None:
             self._keep(numbers={**self._snapshot.numbers, name: float(message.data)})
 
         return take
 
+    def _note_contacts(self, message: PointCloud2, sent: float) -> None:
+        self._sent[messages.seconds(message.header.stamp)] = sent
+        while len(self._sent) > CONTACTS_KEPT:
+            del self._sent[next(iter(self._sent))]
+
     def _take_surface(self, message: PointCloud2, sent: float) -> None:
         surface = messages.read_surface(message)
-        latency = sent - surface.stamp
-        self._latency = latency if abs(latency) < PLAUSIBLE_LATENCY_S else float('nan')
+        # Both times are the middleware's, so that a replay of old stamps has a latency too.
+        asked = self._sent.get(surface.stamp)
+        if asked is not None:
+            self._latency = sent - asked
         self._surface_at = time.monotonic()
         self._keep(served=surface, time=surface.stamp)
         # What one looks back at must not run out at its old end meanwhile.
@@ -236,14 +265,20 @@ class GraspView(Node):
             self._history.add(surface.stamp, self._snapshot)
 
     def _poll(self) -> None:
-        for subscription, take in self._polled:
-            with subscription.handle:
-                taken = subscription.handle.take_message(subscription.msg_type, False)
-            if taken is None:
+        """Take what came of each topic: `note` sees every message kept, `take` the newest."""
+        for subscription, take, note in self._polled:
+            newest: tuple[Any, float] | None = None
+            for _ in range(subscription.qos_profile.depth):
+                with subscription.handle:
+                    taken = subscription.handle.take_message(subscription.msg_type, False)
+                if taken is None:
+                    break
+                newest = taken[0], 1e-9 * float(taken[1]['source_timestamp'])
+                note(*newest)
+            if newest is None:
                 continue
-            message, about = taken
             try:
-                take(message, 1e-9 * float(about['source_timestamp']))
+                take(*newest)
             except (messages.MessageError, PoseError, ValueError) as error:
                 self.get_logger().warning(
                     f'{subscription.topic_name} is left out: {error}', throttle_duration_sec=5.0
@@ -256,7 +291,8 @@ class GraspView(Node):
         self._remember()
         self._run_commands()
         if self.page.watched:
-            self.page.update(self._snapshot)
+            told = time.monotonic() - self._replay_at < REPLAY_GONE_S
+            self.page.update(self._snapshot, self._replay if told else None)
             self._updates += 1
 
     def _remember(self) -> None:
@@ -275,40 +311,14 @@ class GraspView(Node):
 
     def _run_commands(self) -> None:
         while not self._commands.empty():
-            self._ask(self._commands.get())
-        self._asked = [call for call in self._asked if not self._settled(call)]
-
-    def _ask(self, name: str) -> None:
-        replay = str(self.get_parameter('replay_node').value)
-        service = {'tare': 'hand/tare', 'compare': 'scan/compare'}.get(name, f'{replay}/{name}')
-        client = self._callers.get(service)
-        if client is None:
-            client = self._callers[service] = self.create_client(Trigger, service)
-        self._asked.append(Asked(name, client, time.monotonic()))
-        self.page.answer(f'{name}: asked')
-
-    def _settled(self, call: Asked) -> bool:
-        """Bring one call forward; True once it was answered or given up."""
-        waited = time.monotonic() - call.since
-        if call.future is None:
-            if call.client.service_is_ready():
-                call.future = call.client.call_async(Trigger.Request())
-            elif waited > DISCOVERY_S:
-                self.page.answer(f'{call.name}: nobody offers {call.client.srv_name}')
-                return True
-            return False
-        if call.future.done():
-            answer = call.future.result()
-            verdict = 'done' if answer.success else 'refused'
-            self.page.answer(
-                f'{call.name}: {verdict}{", " * bool(answer.message)}{answer.message}'
-            )
-            return True
-        if waited > SERVICE_TIMEOUT_S:
-            call.future.cancel()
-            self.page.answer(f'{call.name}: no answer within {SERVICE_TIMEOUT_S:g} s')
-            return True
-        return False
+            name = self._commands.get()
+            service = {'tare': 'hand/tare', 'compare': 'scan/compare'}.get(name)
+            self._calls.trigger(name, service or f'{self._replay_node}/{name}')
+        wanted = self.page.replay.take_wanted()
+        if wanted is not None:
+            place = Parameter('position_s', value=wanted)
+            self._calls.set_parameter(f'go to {wanted:.2f} s', self._replay_node, place)
+        self._calls.tick()
 
     def _diagnose(self) -> None:
         clients = len(self.page.server.get_clients())

@@ -100,15 +100,14 @@ def read_surface(message: PointCloud2) -> Surface:
     known = int(np.isfinite(np.hstack([position, moved])).all(axis=1).sum())
     if known < len(points):
         raise MessageError(f'{len(points) - known} of {len(points)} vertices are not finite')
-    names = points.dtype.names or ()
-    energy = next((name for name in ('strain_energy', 'energy_density') if name in names), None)
+    energy = 'energy_density' in (points.dtype.names or ())
     return Surface(
         seconds(message.header.stamp),
         message.header.frame_id,
         position.astype(np.float32),
         moved.astype(np.float32),
         _column(points, 'sigma', np.nan).astype(np.float32),
-        None if energy is None else points[energy].astype(np.float32),
+        points['energy_density'].astype(np.float32) if energy else None,
     )
 
 

@@ -15,19 +15,18 @@ import numpy as np
 import viser
 from PIL import Image
 
-from .colour_map import legend_html
+from .colour_map import legend_html, three_digits
 from .plot_panel import PlotPanel
+from .replay_panel import ReplayPanel, ReplayState
 from .scene_model import DISPLACEMENT, QUANTITIES, SHAPES, Snapshot
 from .scene_view import SCAN_CHOICES, Legend, SceneView, ViewOptions
 from .time_series import History, TimeSeries
+from .windows import Windows
 
 Command = Callable[[str], None]
 BUTTONS = {
     'tare': ('Tare gauges', 'Zero the strain gauges; the hand must be open and still'),
     'compare': ('Compare scan', 'Compare the newest scan with the surface of its time'),
-    'pause': ('Pause replay', 'Stop the recording; press Resume to go on'),
-    'resume': ('Resume replay', 'Let the recording run on'),
-    'step': ('Step replay', 'One message further in a paused recording'),
 }
 STATE_COLOURS = {
     'NO_HAND': '#666666',
@@ -36,6 +35,15 @@ STATE_COLOURS = {
     'SATURATED': '#9a5b00',
     'STALE': '#a32020',
     'FAULT': '#a32020',
+}
+# Label in the banner: name in `Snapshot.numbers`, SI unit.
+NUMBERS = {
+    'displacement': ('max_displacement', 'm'),
+    'linear theory off by': ('linearity', ''),
+    'strain energy': ('strain_energy', 'J'),
+    'nonlinear age': ('nonlinear_age', 's'),
+    'scan mean error': ('mean_error', 'm'),
+    'noise floor': ('noise_floor', 'm'),
 }
 PLOT_PERIOD_S = 0.5
 TEXT_PERIOD_S = 0.25
@@ -50,35 +58,35 @@ def state_html(state: str, lines: Mapping[str, str]) -> str:
     colour = STATE_COLOURS.get(state, '#666666')
     name = html.escape(state or 'waiting for deformation/state')
     cells = ''.join(
-        f'<span style="white-space:nowrap">{html.escape(key)} <b>{html.escape(value)}</b></span>'
+        f'<span>{html.escape(key)}</span> <b style="text-align:right">{html.escape(value)}</b> '
         for key, value in lines.items()
     )
     return (
         f'<div class="grasp-state" style="background:{colour};color:#fff;padding:0.3em 1em;'
-        f'font-weight:600">{name}</div><div class="grasp-numbers" style="display:flex;'
-        'flex-wrap:wrap;gap:0.1em 1em;padding:0.3em 1em;font-size:0.85em;'
+        f'font-weight:600">{name}</div><div class="grasp-numbers" style="display:grid;'
+        'grid-template-columns:auto auto;gap:0.05em 1em;padding:0.4em 1em;font-size:0.85em;'
         f'font-variant-numeric:tabular-nums">{cells}</div>'
     )
 
 
+def with_unit(value: float, unit: str) -> str:
+    """A number in SI as people read it: m in mm, J in mJ, s in ms below one second, 1 in %."""
+    factor, shown = {'m': (1e3, 'mm'), 'J': (1e3, 'mJ'), 's': (1e3, 'ms'), '': (1e2, '%')}[unit]
+    if unit == 's' and value >= 1.0:
+        return f'{value:.1f} s'
+    return f'{three_digits(value * factor)} {shown}'
+
+
 def numbers_of(snapshot: Snapshot, legend: Legend) -> dict[str, str]:
     """The banner's numbers with their units, only those that are known."""
-    n = snapshot.numbers
-    shown = {
-        'displacement': (n.get('max_displacement'), 1e3, 'mm'),
-        'linear theory off by': (n.get('linearity'), 1e2, '%'),
-        'strain energy': (n.get('strain_energy'), 1e3, 'mJ'),
-        'nonlinear age': (n.get('nonlinear_age'), 1e3, 'ms'),
-        'scan mean error': (n.get('mean_error'), 1e3, 'mm'),
-        'noise floor': (n.get('noise_floor'), 1e3, 'mm'),
-    }
     lines = {
-        key: f'{value * factor:.3g} {unit}'
-        for key, (value, factor, unit) in shown.items()
-        if value is not None and np.isfinite(value)
+        label: with_unit(snapshot.numbers[name], unit)
+        for label, (name, unit) in NUMBERS.items()
+        if np.isfinite(snapshot.numbers.get(name, np.nan))
     }
     if legend.quantity is not DISPLACEMENT:
-        lines[f'largest {legend.quantity.name}'] = f'{legend.largest:.3g} {legend.quantity.unit}'
+        largest = f'{three_digits(legend.largest)} {legend.quantity.unit}'
+        lines[f'largest {legend.quantity.name}'] = largest
     return lines
 
 
@@ -110,16 +118,13 @@ class Page:
                 'choose another by the parameter port'
             )
         self._series, self._history = series, history
-        self.scene = SceneView(self.server)
+        self._windows = Windows(self.server)
+        self.scene = SceneView(self.server, self._windows)
         self._command = command
         self._legend_text = self._state_text = ''
         self._next_plot = self._next_text = 0.0
         self._build(buttons)
-        self.plots = PlotPanel(self.server, series)
-
-        @self.server.on_client_connect
-        def _(_: viser.ClientHandle) -> None:
-            self._next_plot = 0.0
+        self._plots: dict[int, PlotPanel] = {}
 
     def _build(self, buttons: Sequence[str]) -> None:
         gui = self.server.gui
@@ -131,7 +136,6 @@ class Page:
             brand_color=(0, 69, 124),
         )
         gui.set_panel_label('Grasp')
-        gui.main_panel.dock_right()
         self._state = gui.add_html(state_html('', {}))
         self._legend = gui.add_html('')
         self._quantity = gui.add_dropdown(
@@ -151,7 +155,8 @@ class Page:
             self._hand = gui.add_checkbox('Hand', True)
             self._cones = gui.add_checkbox('Friction cones', False)
             self._friction = gui.add_slider('Friction coefficient', 0.05, 1.5, 0.05, 0.5)
-        with gui.add_folder('Time'):
+        self.replay = ReplayPanel(self.server, self._command)
+        with gui.add_folder('Look back', expand_by_default=False):
             self._live = gui.add_checkbox('Live', True, hint='Off: look back with the slider')
             self._back = gui.add_slider('Seconds', -1.0, 0.0, 0.01, 0.0, disabled=True)
             self._left_at = 0.0
@@ -216,9 +221,10 @@ class Page:
         """Whether any browser is connected."""
         return bool(self.server.get_clients())
 
-    def update(self, snapshot: Snapshot) -> None:
-        """Show `snapshot`, or the remembered one under the time slider."""
+    def update(self, snapshot: Snapshot, replay: ReplayState | None) -> None:
+        """Show `snapshot`, or the remembered one under the time slider; and where a replay is."""
         now = time.monotonic()
+        self.replay.show(replay)
         if not self._live.value:
             snapshot = self._history.at(self._left_at + float(self._back.value)) or snapshot
         legend = self.scene.draw(snapshot, self.options)
@@ -227,14 +233,22 @@ class Page:
             self._write(snapshot, legend)
         if now >= self._next_plot:
             self._next_plot = now + PLOT_PERIOD_S
-            self.plots.draw()
+            self._draw_plots()
+
+    def _draw_plots(self) -> None:
+        clients = self.server.get_clients()
+        for number in self._plots.keys() - clients.keys():
+            del self._plots[number]
+        for number, client in clients.items():
+            if number not in self._plots:
+                self._plots[number] = PlotPanel(
+                    client, self._series, self._windows.of(client).narrow
+                )
+            self._plots[number].draw()
 
     def _write(self, snapshot: Snapshot, legend: Legend) -> None:
         quantity = legend.quantity
-        note = f'lines: displacement every {legend.line_step_m * 1e3:.3g} mm'
-        text = legend_html(
-            quantity.name, quantity.unit, 0.0, legend.top, note if legend.line_step_m else ''
-        )
+        text = legend_html(quantity.name, quantity.unit, 0.0, legend.top, legend.note)
         if text != self._legend_text:
             self._legend.content = self._legend_text = text
         text = state_html(snapshot.state, numbers_of(snapshot, legend))

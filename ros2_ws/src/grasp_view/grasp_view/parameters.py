@@ -38,10 +38,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         'object in the hand frame until object_pose comes by topic: x y z (m) qx qy qz qw',
         fixed=False,
     ),
-    Parameter(
-        'replay_node', 'replay', 'name of the replay node whose services the buttons call',
-        fixed=False,
-    ),
+    Parameter('replay_node', 'replay', 'name of the replay node that the page steers'),
     Parameter(
         'what_if',
         False,

@@ -30,7 +30,7 @@ PLOTS = (
     Plot('largest displacement (mm)', {'max_displacement': 'served'}, 1e3),
     Plot('error of linear theory (%)', {'linearity': 'linearity'}, 1e2),
     Plot('age (ms)', {'surface_age': 'surface', 'nonlinear_age': 'nonlinear'}, 1e3),
-    Plot('latency: sample to answer (ms)', {'latency': 'surface'}, 1e3),
+    Plot('latency: contacts to surface (ms)', {'latency': 'surface'}, 1e3),
     Plot(
         'scan error (mm)', {'mean_error': 'mean', 'max_error': 'max', 'noise_floor': 'floor'}, 1e3
     ),
@@ -39,20 +39,23 @@ SERIES = tuple(name for plot in PLOTS for name in plot.series)
 
 
 class PlotPanel:
-    """The diagrams of one page."""
+    """The diagrams of one browser."""
 
-    def __init__(self, server: viser.ViserServer, series: TimeSeries) -> None:
+    def __init__(self, client: viser.ClientHandle, series: TimeSeries, folded: bool) -> None:
         self._series = series
         self._handles: list[tuple[Plot, viser.GuiUplotHandle]] = []
         self._shown: dict[str, tuple[bool, ...]] = {}
-        panel = server.gui.add_panel()
+        gui = client.gui
+        panel = gui.add_panel()
         panel.dock_left()
         panel.set_width(300)
-        with panel.add_tab('Over time'):
+        if folded:
+            panel.minimize()
+        with panel.add_tab(f'Last {series.span:g} s'):
             for plot in PLOTS:
                 unknown = (False,) * len(plot.series)
                 empty = np.array([-series.span])
-                handle = server.gui.add_uplot(
+                handle = gui.add_uplot(
                     (empty, *(np.zeros(1) for _ in plot.series)),
                     _lines(plot, unknown),
                     title=plot.title,
@@ -60,6 +63,8 @@ class PlotPanel:
                         'x': uplot.Scale(time=False, range=(-series.span, 0.0)),
                         'y': uplot.Scale(auto=True),
                     },
+                    legend=uplot.Legend(show=len(plot.series) > 1, live=False),
+                    padding=(12, 24, 0, 8),
                     height=150,
                 )
                 self._handles.append((plot, handle))

@@ -43,8 +43,9 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Surface:
-    """One answer: positions, displacement vectors (n, 3), sigma, energy density if published (n,).
+    """One answer: positions, displacement vectors (n, 3), m; sigma (n,), m.
 
+    energy (n,): strain energy per area, J/m^2, where it is published (the nonlinear answer).
     The rest shape is taken from here, not from the mesh: it follows an object that moves.
     """
 
@@ -116,19 +117,23 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity the surface can be coloured by; `factor` turns SI into `unit`."""
+    """A quantity the surface can be coloured by; `factor` turns SI into `unit`.
+
+    smallest: the least upper end of its scale; grey: what a vertex without a value lacks.
+    """
 
     name: str
     unit: str
     factor: float
     smallest: float
+    grey: str
 
 
-DISPLACEMENT = Quantity('displacement', 'mm', 1e3, 0.1)
-DIFFERENCE = Quantity('linear - nonlinear', 'mm', 1e3, 0.05)
-SCAN_ERROR = Quantity('scan error', 'mm', 1e3, 0.2)
-SIGMA = Quantity('uncertainty', 'mm', 1e3, 0.02)
-ENERGY = Quantity('strain energy density', 'J/m²', 1.0, 0.1)
+DISPLACEMENT = Quantity('displacement', 'mm', 1e3, 0.1, 'no answer')
+DIFFERENCE = Quantity('linear - nonlinear', 'mm', 1e3, 0.05, 'both theories have not answered')
+SCAN_ERROR = Quantity('scan error', 'mm', 1e3, 0.2, 'not seen by a compared scan')
+SIGMA = Quantity('uncertainty', 'mm', 1e3, 0.02, 'no uncertainty published')
+ENERGY = Quantity('strain energy density', 'J/m²', 1.0, 0.1, 'no energy density published')
 QUANTITIES = {q.name: q for q in (DISPLACEMENT, DIFFERENCE, SCAN_ERROR, SIGMA, ENERGY)}
 
 
@@ -142,7 +147,10 @@ def values_of(snapshot: Snapshot, quantity: Quantity, shape: Shape) -> Floats | 
     if quantity is SIGMA:
         return surface.sigma * quantity.factor
     if quantity is ENERGY:
-        return None if surface.energy is None else surface.energy * quantity.factor
+        # Only the nonlinear answer carries it; the served one is built on that.
+        known = (surface, snapshot.surface('nonlinear'))
+        found = next((s.energy for s in known if s is not None and s.energy is not None), None)
+        return None if found is None else found * quantity.factor
     if quantity is DIFFERENCE:
         linear, nonlinear = snapshot.surface('linear'), snapshot.surface('nonlinear')
         if linear is None or nonlinear is None:

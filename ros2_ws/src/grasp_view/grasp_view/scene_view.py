@@ -12,7 +12,8 @@ from typing import Literal
 import numpy as np
 import viser
 
-from .colour_map import RENDERER_TABLE, TABLE, SteadyScale, colour_index
+from .aim import Aim
+from .colour_map import RENDERER_TABLE, TABLE, SteadyScale, colour_index, three_digits
 from .hand_shape import hand_bodies
 from .poses import Floats, Pose, quaternion_wxyz
 from .scene_model import (
@@ -31,13 +32,15 @@ from .scene_model import (
     surface_colours,
     values_of,
 )
+from .smooth_faces import SmoothFaces
 from .unlit_mesh import unlit_glb
+from .windows import Windows
 
 SCALE = 20.0
 METRES_PER_NEWTON = 1.2e-3
 LABELS = 8
 REST_MOVED_M = 2e-5
-BODIES = 10
+HAND_OPACITY = 0.5
 FORCE, FLAGGED = (20, 20, 20), (200, 60, 20)
 
 
@@ -64,18 +67,26 @@ class ViewOptions:
 
 @dataclass(frozen=True)
 class Legend:
-    """The scale that is on the surface now."""
+    """The scale that is on the surface now; `gaps`: some of it is grey for want of a value."""
 
     quantity: Quantity
     top: float
     largest: float
     line_step_m: float = 0.0
+    gaps: bool = False
+
+    @property
+    def note(self) -> str:
+        """What the lines and the grey mean."""
+        step = f'lines: displacement every {three_digits(self.line_step_m * 1e3)} mm'
+        parts = [step] * bool(self.line_step_m) + [f'grey: {self.quantity.grey}'] * self.gaps
+        return '; '.join(parts)
 
 
 class SceneView:
     """Bodies of one page; `draw` is called with every new snapshot."""
 
-    def __init__(self, server: viser.ViserServer) -> None:
+    def __init__(self, server: viser.ViserServer, windows: Windows) -> None:
         self._server = server
         self._scene = server.scene
         self._scene.set_up_direction('+z')
@@ -94,7 +105,8 @@ class SceneView:
         self._bodies: dict[str, viser.BoxHandle] = {}
         self._labels: list[viser.LabelHandle] = []
         self._drawn: dict[str, object] = {}
-        self._aimed: Floats | None = None
+        self._aim = Aim(server, windows)
+        self._faces: tuple[Mesh, SmoothFaces] | None = None
         self._rest_drawn: Floats | None = None
 
     def _changed(self, part: str, *what: object) -> bool:
@@ -123,6 +135,9 @@ class SceneView:
         self._draw_cones(snapshot, options)
         self._draw_scan(snapshot, options, legend)
         self._draw_hand(snapshot, options)
+        if snapshot.mesh is not None:
+            shown = snapshot.surface(options.shape)
+            self._aim.look((snapshot.mesh.rest if shown is None else shown.position) * SCALE)
         return legend
 
     def _draw_surface(self, snapshot: Snapshot, options: ViewOptions) -> Legend:
@@ -152,13 +167,21 @@ class SceneView:
         most = largest(values)
         top = scale.follow(most)
         vertices = deformed(surface, options.exaggeration) * SCALE
-        index = surface_colours(values, len(vertices), top)
-        self._show(unlit_glb(vertices, snapshot.mesh.triangles, RENDERER_TABLE[index]))
+        faces = self._smooth(snapshot.mesh)
+        fine = faces.positions(vertices)
+        shown = None if values is None else faces.values(values)
+        index = surface_colours(shown, len(fine), top)
+        self._show(unlit_glb(fine, faces.triangles, RENDERER_TABLE[index]))
         self._show_mesh_lines(vertices, snapshot, options)
-        step = self._show_depth_lines(vertices, snapshot.mesh, surface, options)
-        self._aim(vertices)
-        self._legend = Legend(quantity, top, most, step)
+        step = self._show_depth_lines(fine, faces, surface, options)
+        gaps = values is None or not bool(np.isfinite(values).all())
+        self._legend = Legend(quantity, top, most, step, gaps)
         return self._legend
+
+    def _smooth(self, mesh: Mesh) -> SmoothFaces:
+        if self._faces is None or self._faces[0] is not mesh:
+            self._faces = mesh, SmoothFaces(mesh.triangles, len(mesh.rest))
+        return self._faces[1]
 
     @staticmethod
     def _hide(*handles: viser.SceneNodeHandle | None) -> None:
@@ -167,12 +190,13 @@ class SceneView:
                 handle.visible = False
 
     def _show_depth_lines(
-        self, vertices: Floats, mesh: Mesh, surface: Surface, options: ViewOptions
+        self, vertices: Floats, faces: SmoothFaces, surface: Surface, options: ViewOptions
     ) -> float:
         """White lines of equal displacement, a tenth of its scale apart; returns that step (m)."""
         depth = np.linalg.norm(surface.moved, axis=1)
         step = self._scales['displacement'].follow(float(depth.max(initial=0.0)) * 1e3) * 1e-4
-        points = level_lines(vertices, mesh.triangles, depth, step).astype(np.float32)
+        depth = faces.values(depth)
+        points = level_lines(vertices, faces.triangles, depth, step).astype(np.float32)
         if not options.depth_lines or not len(points):
             self._hide(self._depth)
             return 0.0
@@ -233,21 +257,6 @@ class SceneView:
             self._lines.vertices = vertices.astype(np.float32)
         self._lines.visible = True
 
-    def _aim(self, vertices: Floats) -> None:
-        """Look at the object: at first, and when it turns up somewhere else."""
-        middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        reach = float(np.ptp(vertices, axis=0).max())
-        if self._aimed is not None and np.linalg.norm(middle - self._aimed) < reach:
-            return
-        self._aimed = middle
-        position = middle + reach * np.array([1.35, -1.65, 0.95])
-        camera = self._server.initial_camera
-        camera.position = tuple(position)
-        camera.look_at = tuple(middle)
-        for client in self._server.get_clients().values():
-            client.camera.position = position
-            client.camera.look_at = middle
-
     def _draw_rest(self, snapshot: Snapshot, options: ViewOptions) -> None:
         surface = snapshot.surface(options.shape)
         if snapshot.mesh is None or not options.rest:
@@ -266,10 +275,11 @@ class SceneView:
             self._rest_drawn = drawn
         if not self._changed('rest', snapshot.mesh) and still:
             return
+        faces = self._smooth(snapshot.mesh)
         self._rest = self._scene.add_mesh_simple(
             '/rest',
-            rest * SCALE,
-            snapshot.mesh.triangles,
+            faces.positions(rest * SCALE),
+            faces.triangles,
             color=(120, 120, 120),
             opacity=0.25,
             cast_shadow=False,
@@ -376,6 +386,7 @@ class SceneView:
                 self._bodies[body.name] = handle = self._scene.add_box(
                     f'/hand/{body.name}',
                     color=(205, 208, 214),
+                    opacity=HAND_OPACITY,
                     dimensions=np.array(body.size) * SCALE,
                     cast_shadow=False,
                     receive_shadow=False,

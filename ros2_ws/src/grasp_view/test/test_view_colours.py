@@ -20,6 +20,7 @@ from grasp_view.colour_map import (
     linear_light,
     nice_ceiling,
     renderer_colours,
+    three_digits,
     tone_curve,
 )
 
@@ -67,6 +68,14 @@ def test_the_scale_ends_at_a_round_number_not_far_above(value: float) -> None:
 def test_the_scale_grows_at_once_and_shrinks_only_when_far_too_large() -> None:
     scale = SteadyScale(0.1)
     assert [scale.follow(v) for v in (0.0, 4.3, 3.0, 1.8, 1.9)] == [0.1, 5.0, 5.0, 2.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ('value', 'text'),
+    [(1153.2, '1150'), (0.0123456, '0.0123'), (9.5e-27, '0'), (0.0, '0'), (20.0, '20')],
+)
+def test_numbers_have_three_digits_and_no_exponent(value: float, text: str) -> None:
+    assert three_digits(value) == text
 
 
 def test_the_legend_names_quantity_unit_and_five_numbers() -> None:

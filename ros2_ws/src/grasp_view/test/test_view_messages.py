@@ -66,6 +66,13 @@ def test_a_surface_is_read_by_field_name_in_any_order_and_width(kind: str) -> No
     assert surface.frame == 'object' and surface.energy is None
 
 
+def test_the_energy_density_is_read_where_it_is_published() -> None:
+    points = np.zeros(2, dtype=[*surface_points(1).dtype.descr, ('energy_density', '<f4')])
+    points['energy_density'] = 7.5
+    surface = read_surface(cloud(points))
+    assert surface.energy is not None and surface.energy.tolist() == [7.5, 7.5]
+
+
 def test_a_surface_without_displacement_vectors_is_refused_by_field() -> None:
     points = np.zeros(2, dtype=[('x', '<f4'), ('y', '<f4'), ('z', '<f4')])
     with pytest.raises(MessageError, match='no field ux, uy, uz; it has x, y, z'):

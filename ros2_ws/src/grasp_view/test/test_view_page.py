@@ -18,12 +18,14 @@ import rclpy
 import trimesh
 from geometry_msgs.msg import Point
 from PIL import Image
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState, PointCloud2, PointField
 from shape_msgs.msg import Mesh, MeshTriangle
-from std_msgs.msg import Float64, String
+from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import Trigger
 
 from grasp_view.colour_map import TABLE, colour_index
@@ -60,7 +62,10 @@ class Grasp:
         self.rest = np.asarray(ball.vertices)
         self.depth = 0.0
         self.sigma = 1e-4
+        self.energy: float | None = None
         self.called: list[str] = []
+        self.position = float('nan')
+        self.paused = False
         self._context = Context()
         rclpy.init(context=self._context)
         self._node = rclpy.create_node('grasp', context=self._context)
@@ -92,13 +97,42 @@ class Grasp:
             )
         )
         self.state('CONTACT')
-        for name in ('hand/tare', 'scan/compare', 'replay/pause', 'replay/resume', 'replay/step'):
+        for name in ('hand/tare', 'scan/compare'):
             self._node.create_service(Trigger, name, self._serve(name))
         self._node.create_timer(1 / 30, self._publish)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin)
         self._thread.start()
+
+    def replay(self, duration: float) -> None:
+        """Tell of a replay of `duration` s from now on, and take its commands."""
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._player = rclpy.create_node('replay', context=self._context)
+        for name in ('pause', 'resume', 'step'):
+            self._player.create_service(Trigger, f'~/{name}', self._serve(f'replay/{name}'))
+        self._player.create_publisher(Float64, '~/duration', latched).publish(
+            Float64(data=duration)
+        )
+        paused = self._player.create_publisher(Bool, '~/paused', latched)
+        position = self._player.create_publisher(Float64, '~/position', 10)
+
+        def tell() -> None:
+            paused.publish(Bool(data=self.paused))
+            position.publish(Float64(data=self.position))
+
+        self._player.declare_parameter('position_s', 0.0)
+        self._player.add_on_set_parameters_callback(self._go)
+        self._player.create_timer(0.1, tell)
+        self._executor.add_node(self._player)
+
+    def _go(self, parameters: list[Parameter]) -> SetParametersResult:
+        self.position = float(parameters[0].value)
+        return SetParametersResult(successful=True)
+
+    def end_replay(self) -> None:
+        self._executor.remove_node(self._player)
+        self._player.destroy_node()
 
     def _spin(self) -> None:
         with suppress(ExternalShutdownException):
@@ -133,7 +167,11 @@ class Grasp:
                     np.full(len(moved), sigma),
                 ]
             )
-            self._clouds[f'deformation/{name}'].publish(cloud(columns, SURFACE_FIELDS, stamp))
+            fields = SURFACE_FIELDS
+            if name == 'nonlinear' and self.energy is not None:
+                columns = np.column_stack([columns, np.full(len(moved), self.energy)])
+                fields = (*fields, 'energy_density')
+            self._clouds[f'deformation/{name}'].publish(cloud(columns, fields, stamp))
         at = np.array([[RADIUS - depth, 0, 0], [depth - RADIUS, 0, 0]])
         inward = np.array([[-1.0, 0, 0], [1.0, 0, 0]])
         self._clouds['hand/contacts'].publish(
@@ -225,6 +263,10 @@ def legend(tab) -> list[float]:
     return [float(text) for text in tab.locator('.grasp-legend-numbers span').all_inner_texts()]
 
 
+def numbers(tab) -> str:
+    return ' '.join(tab.locator('.grasp-numbers').inner_text().split())
+
+
 def choose(tab, label: str, option: str) -> None:
     tab.get_by_label(label, exact=True).click()
     tab.get_by_role('option', name=option, exact=True).click()
@@ -293,9 +335,9 @@ def test_the_picture_and_the_numbers_follow_the_squeeze(
     wait_until(lambda: share_of(picture(tab), dark) > 0.02, 60)
     squeezed.depth = 4.8e-3
     wait_until(lambda: legend(tab) == [0.0, 1.25, 2.5, 3.75, 5.0], 60)
-    wait_until(lambda: 'displacement 4.8 mm' in tab.locator('.grasp-numbers').inner_text(), 60)
+    wait_until(lambda: 'displacement 4.8 mm' in numbers(tab), 60)
     wait_until(lambda: share_of(picture(tab), light, 60) > 0.0005, 60)
-    assert '14.4 %' in tab.locator('.grasp-numbers').inner_text()
+    assert '14.4 %' in numbers(tab)
     squeezed.state('SATURATED')
     wait_until(lambda: tab.locator('.grasp-state').inner_text() == 'SATURATED', 60)
 
@@ -305,14 +347,16 @@ def test_every_button_calls_its_service_and_shows_the_answer(
     start, grasp, tab, port: int, wait_until
 ) -> None:
     squeezed = grasp()
+    squeezed.position = 0.0
+    squeezed.replay(20.0)
     view(start, port)
     tab.goto(f'http://127.0.0.1:{port}')
     for label, service, answer in (
         ('Tare gauges', 'hand/tare', 'tare: refused, the hand is loaded'),
         ('Compare scan', 'scan/compare', 'compare: done'),
-        ('Pause replay', 'replay/pause', 'pause: done'),
-        ('Step replay', 'replay/step', 'step: done'),
-        ('Resume replay', 'replay/resume', 'resume: done'),
+        ('Pause', 'replay/pause', 'pause: done'),
+        ('Step', 'replay/step', 'step: done'),
+        ('Resume', 'replay/resume', 'resume: done'),
     ):
         tab.get_by_role('button', name=label).click()
         wait_until(lambda name=service: name in squeezed.called, 60)
@@ -344,9 +388,89 @@ def test_nodes_may_go_and_come_back_with_another_mesh(
     first.close()
     second = grasp(3)
     second.depth = 4.8e-3
-    wait_until(lambda: 'displacement 4.8 mm' in tab.locator('.grasp-numbers').inner_text(), 60)
+    wait_until(lambda: 'displacement 4.8 mm' in numbers(tab), 60)
     wait_until(lambda: share_of(picture(tab), TABLE[250], 60) > 0.0005, 60)
     assert running.process.poll() is None and 'Traceback' not in running.text
+
+
+@pytest.mark.chromium
+def test_a_replay_is_followed_steered_and_forgotten_when_it_ends(
+    start, grasp, tab, port: int, wait_until
+) -> None:
+    squeezed = grasp()
+    running = view(start, port)
+    tab.goto(f'http://127.0.0.1:{port}')
+    tab.wait_for_selector('.grasp-legend')
+    assert not tab.get_by_role('button', name='Pause').is_visible()
+    squeezed.position = 5.0
+    squeezed.replay(20.0)
+    slider = tab.get_by_role('slider').nth(1)
+    wait_until(lambda: tab.get_by_role('button', name='Pause').is_visible(), 60)
+    wait_until(lambda: slider.get_attribute('aria-valuenow') == '5', 60)
+    assert slider.get_attribute('aria-valuemax') == '20'
+    slider.focus()
+    slider.press('End')
+    wait_until(lambda: squeezed.position == 20.0, 60)
+    wait_until(lambda: 'go to 20.00 s: done' in tab.locator('.grasp-answer').inner_text(), 60)
+    squeezed.position, squeezed.paused = 7.5, True
+    wait_until(lambda: slider.get_attribute('aria-valuenow') == '7.5', 60)
+    wait_until(lambda: tab.get_by_text('paused', exact=True).is_visible(), 60)
+    squeezed.end_replay()
+    wait_until(lambda: not tab.get_by_role('button', name='Pause').is_visible(), 60)
+    assert running.process.poll() is None and 'Traceback' not in running.text
+
+
+@pytest.mark.chromium
+def test_strain_energy_is_grey_until_it_is_published_and_then_on_the_scale(
+    start, grasp, tab, port: int, wait_until
+) -> None:
+    squeezed = grasp()
+    view(start, port)
+    tab.goto(f'http://127.0.0.1:{port}')
+    tab.wait_for_selector('.grasp-legend')
+    choose(tab, 'Colour', 'strain energy density')
+    told = 'grey: no energy density published'
+    wait_until(lambda: told in tab.locator('.grasp-legend').inner_text(), 60)
+    wait_until(lambda: share_of(picture(tab), TABLE[256]) > 0.02, 60)
+    squeezed.energy = 1500.0
+    wait_until(lambda: legend(tab) == [0.0, 500.0, 1000.0, 1500.0, 2000.0], 60)
+    wanted = TABLE[colour_index(np.array([1500.0]), 0.0, 2000.0)][0]
+    wait_until(lambda: share_of(picture(tab), wanted) > 0.02, 60)
+    assert 'grey' not in tab.locator('.grasp-legend').inner_text()
+
+
+@pytest.mark.chromium
+def test_every_switch_of_the_page_takes_its_body_away_and_brings_it_back(
+    start, grasp, tab, port: int, wait_until
+) -> None:
+    squeezed = grasp()
+    squeezed.depth = 4.8e-3
+    view(start, port)
+    tab.goto(f'http://127.0.0.1:{port}')
+    wait_until(lambda: share_of(picture(tab), TABLE[250], 60) > 0.0005, 60)
+    tab.get_by_text('Show', exact=True).click()
+    for label in (
+        'Rest shape', 'Lines of equal displacement', 'Mesh lines', 'Forces', 'Hand',
+        'Friction cones',
+    ):  # fmt: skip
+        box = tab.get_by_label(label, exact=True)
+        for _ in range(2):
+            before, was = picture(tab), box.is_checked()
+            box.set_checked(not was)
+            wait_until(lambda old=before: np.abs(picture(tab) - old).max() > 40, 60)
+
+
+@pytest.mark.chromium
+def test_a_tablet_held_upright_keeps_room_for_the_object(
+    start, grasp, open_tab, port: int, wait_until
+) -> None:
+    grasp().depth = 4.8e-3
+    view(start, port)
+    tablet = open_tab(820, 1180, has_touch=True)
+    tablet.goto(f'http://127.0.0.1:{port}')
+    wait_until(lambda: 'displacement 4.8 mm' in numbers(tablet), 60)
+    wait_until(lambda: not tablet.get_by_text('force (N)').is_visible(), 60)
+    tablet.get_by_role('button', name='Screenshot').tap()
 
 
 @pytest.mark.chromium
@@ -376,6 +500,7 @@ def test_the_slider_looks_back(start, grasp, tab, port: int, wait_until) -> None
     wait_until(lambda: time.monotonic() - began > 3.0)
     squeezed.depth = 4.8e-3
     wait_until(lambda: share_of(picture(tab), TABLE[250], 60) > 0.0005, 60)
+    tab.get_by_text('Look back', exact=True).click()
     tab.get_by_label('Live', exact=True).uncheck()
     slider = tab.get_by_role('slider').nth(1)
     slider.focus()

@@ -86,6 +86,13 @@ def test_energy_is_unknown_unless_it_is_published() -> None:
     assert values is not None and (values == 3.0).all()
 
 
+def test_the_served_answer_takes_the_energy_of_the_nonlinear_one() -> None:
+    nonlinear = replace(pushed(0.001), energy=np.full(len(MESH.rest), 2.0))
+    snapshot = Snapshot(mesh=MESH, served=pushed(0.001), nonlinear=nonlinear)
+    values = values_of(snapshot, ENERGY, 'served')
+    assert values is not None and (values == 2.0).all()
+
+
 def test_scan_error_is_known_only_where_the_scanner_saw() -> None:
     seen = MESH.rest[MESH.rest[:, 2] > 0.3 * RADIUS]
     scan = Cloud(1.0, 'object', seen, np.full(len(seen), -0.0005))

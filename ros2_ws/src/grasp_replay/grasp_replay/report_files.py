@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import platform
 import shutil
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +21,8 @@ from grasp_replay.report import ReportError, write_report
 from grasp_replay.results import csv_text, document, json_text, write_file
 from grasp_replay.sample_trace import SampleTrace, trace_csv, trace_samples
 
+# What the numbers depend on besides the bag.
+PROGRAMS = ('grasp_replay', 'shell_deform', 'scan_compare', 'numpy', 'scipy', 'numba')
 RESULTS, TABLE, SAMPLES = 'results.json', 'table.csv', 'samples.csv'
 
 
@@ -47,14 +53,15 @@ def make_report(
     Files appear as a whole, results.json last: while it is missing the run did not end. Raises
     BagError.
     """
-    outcome = run(bag, options, lambda share, note: show(0.6 * share, note))
+    watch = _Stopwatch(show)
+    outcome = run(bag, options, lambda share, note: watch(0.6 * share, note))
     name = outcome.shell.shell.name
-    show(0.6, 'published table')
+    watch(0.6, 'published table')
     table = extent.published or published_table(bag)
     published = [] if table is None else published_predictions(table, outcome.object_name, name)
     trace = None
     if extent.samples:
-        show(0.65, 'linear theory at every sample')
+        watch(0.65, 'linear theory at every sample')
         trace = trace_samples(outcome.recording, outcome.shell, options.object_pose)
     results = document(outcome, published)
     part = out / '.part'
@@ -65,8 +72,8 @@ def make_report(
         if trace is not None:
             write_file(part / SAMPLES, trace_csv(trace))
         if extent.page:
-            show(0.75, 'report page')
-            _page(outcome, results, published, trace, part)
+            watch(0.75, 'report page')
+            _page(outcome, results, published, trace, part, watch.seconds)
         write_file(part / RESULTS, json_text(results))
         _move(part, out)
     except OSError as error:
@@ -77,14 +84,31 @@ def make_report(
     return results
 
 
+class _Stopwatch:
+    """Passes progress on and keeps how long each step took, by its name (s)."""
+
+    def __init__(self, show: Callable[[float, str], None]) -> None:
+        self.seconds: dict[str, float] = {}
+        self._show = show
+        self._step, self._since = '', time.perf_counter()
+
+    def __call__(self, share: float, step: str) -> None:
+        now = time.perf_counter()
+        if self._step not in ('', 'done'):
+            self.seconds[self._step] = self.seconds.get(self._step, 0.0) + now - self._since
+        self._step, self._since = step, now
+        self._show(share, step)
+
+
 def _page(
     outcome: Outcome,
     results: dict[str, Any],
     published: list[dict[str, Any]],
     trace: SampleTrace | None,
     folder: Path,
+    timings: dict[str, float],
 ) -> None:
-    drawn = scenes.scenes(outcome)
+    drawn, curves = scenes.scenes(outcome), scenes.curves(outcome, published)
     numbers = {scene.key for scene in drawn}
     rows = [row for row in results['rows'] if f'row_{row["row"]}' in numbers]
     try:
@@ -94,8 +118,10 @@ def _page(
             folder,
             provenance(outcome, results),
             published=scenes.published_rows(published, outcome.shell.shell.name),
-            curves=scenes.curves(outcome, published),
+            curves=curves,
             linearity=None if trace is None else scenes.linearity(trace),
+            timings=timings,
+            bands=scenes.bands(outcome, curves),
         )
     except ReportError as error:
         raise BagError(f'the report page cannot be made: {error}') from error
@@ -116,7 +142,7 @@ def provenance(outcome: Outcome, results: dict[str, Any]) -> dict[str, Any]:
             'source': outcome.shell.shell.source,
         },
         'recording': {
-            'bag': outcome.bag_sha256,
+            'sha256 of the bag': outcome.bag_sha256,
             'contact samples': results['samples'],
             'scans under load': len(results['rows']),
             'scanner noise': f'{1e3 * results["scanner_sigma_m"]:.3g} mm (one sigma)',
@@ -129,6 +155,11 @@ def provenance(outcome: Outcome, results: dict[str, Any]) -> dict[str, Any]:
             'surface': results['face'],
             'max': 'maximum of the local mean over discs of 2 mm with at least 50 points',
         },
+    }
+    found['versions'] = {
+        'Python': platform.python_version(),
+        **{name: version(name) for name in PROGRAMS},
+        'sha256 of results.json': hashlib.sha256(json_text(results).encode()).hexdigest(),
     }
     if experiment.synthetic:
         found['synthetic'] = experiment.label or 'This recording is synthetic.'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,14 @@ from grasp_replay.pipeline import Outcome, Row
 from grasp_replay.report import Curve, LinearityTrace, PublishedRow, RowScene
 from grasp_replay.report.scene import Kind
 from grasp_replay.sample_trace import SampleTrace
+from grasp_replay.theories import THEORIES
 from scan_compare.deformed_surface import DeformedSurface
 
 Array = NDArray[np.float64]
+
+CURVE_STEPS = 16
+# Stated accuracy of the scanner behind the published table (section V of the paper).
+NEXTENGINE_M = 0.127e-3
 
 
 def kind_of(outcome: Outcome) -> Kind:
@@ -95,21 +101,78 @@ def curves(outcome: Outcome, published: list[dict[str, Any]]) -> list[Curve]:
     rows = outcome.rows
     measured = [(row.reference.measured_max_displacement_m, row.force) for row in rows]
     pins = [(float(np.mean(row.contacts.travel)), row.force) for row in rows]
+    depth_sigma, force_sigma = _sigmas(rows)
     found = [
-        _curve('scan profile', kind_of(outcome), measured),
-        _curve('pin separation', kind_of(outcome), pins),
+        replace(
+            _curve('scan profile', kind_of(outcome), measured),
+            displacement_band_m=float(depth_sigma.max()),
+            force_band_n=float(force_sigma.max()),
+        ),
+        replace(
+            _curve('pin separation', kind_of(outcome), pins),
+            force_band_n=float(force_sigma.max()),
+        ),
     ]
-    for theory in ('linear', 'paper', 'koiter'):
-        values = [
-            (row.solved[theory].surface.max_displacement, row.force)  # type: ignore[union-attr]
-            for row in rows
-            if row.solved[theory].surface is not None
-        ]
-        found.append(_curve(theory, 'predicted', [(0.0, 0.0), *values]))
+    predicted = [
+        _curve(theory, 'predicted', _solved_curve(outcome, theory)) for theory in THEORIES
+    ]
+    share = modulus_share(outcome, predicted[THEORIES.index('koiter')])
+    for curve in predicted:
+        lower, upper = ((1.0 + sign * share) * curve.force_n for sign in (-1.0, 1.0))
+        found.append(replace(curve, lower_n=lower, upper_n=upper) if share else curve)
     if published:
         values = [(row['measured_max_displacement_m'], row['force_n']) for row in published]
-        found.append(_curve('paper, Table I', 'published', values))
+        table = _curve('paper, Table I', 'published', values)
+        found.append(replace(table, displacement_band_m=NEXTENGINE_M))
     return [curve for curve in found if len(curve.displacement_m)]
+
+
+def _sigmas(rows: tuple[Row, ...]) -> tuple[Array, Array]:
+    """Standard deviations per row: of the measured depth [m], of the mean push [N]."""
+    depth = [[p.apex_sigma_m for p in row.reference.profiles] or [0.0] for row in rows]
+    force = [np.linalg.norm(row.contacts.sigma) / len(row.contacts.sigma) for row in rows]
+    return np.array([max(values) for values in depth]), np.array(force)
+
+
+def _solved_curve(outcome: Outcome, theory: str) -> list[tuple[float, float]]:
+    """(displacement [m], force [N]) from nothing to the largest load that the theory carries."""
+    last = max(outcome.rows, key=lambda row: row.force)
+    found, state = [(0.0, 0.0)], None
+    for share in np.linspace(0.0, 1.0, 1 if theory == 'linear' else CURVE_STEPS, endpoint=False)[
+        1:
+    ]:
+        solved = outcome.shell.solve(theory, last.patches, share * last.contacts.push, state)
+        if solved.surface is None:
+            return found
+        state = solved.state
+        found.append((solved.surface.max_displacement, share * last.force))
+    surface = last.solved[theory].surface
+    return found if surface is None else [*found, (surface.max_displacement, last.force)]
+
+
+def modulus_share(outcome: Outcome, koiter: Curve) -> float:
+    """Relative standard deviation of a modulus fitted on row 1; 0 where it was not fitted.
+
+    At a given depth the force is proportional to the modulus: what row 1 leaves open is its
+    force, and its depth times the slope of the `koiter` curve there, both relative.
+    """
+    first = outcome.rows[0]
+    depth = first.reference.measured_max_displacement_m
+    if not outcome.young_from.startswith('fitted') or not depth or len(koiter.force_n) < 3:
+        return 0.0
+    depth_sigma, force_sigma = _sigmas(outcome.rows)
+    x, y = np.log(koiter.displacement_m[1:]), np.log(koiter.force_n[1:])
+    slope = float(np.interp(np.log(depth), x, np.gradient(y, x)))
+    return float(np.hypot(force_sigma[0] / first.force, slope * depth_sigma[0] / depth))
+
+
+def bands(outcome: Outcome, drawn: list[Curve]) -> str:
+    """What the bands and bars of the `drawn` curves mean."""
+    bars = 'Bars: one standard deviation of force and of the extrapolated depth'
+    koiter = next((curve for curve in drawn if curve.name == 'koiter'), None)
+    share = 0.0 if koiter is None else modulus_share(outcome, koiter)
+    band = f'; bands: the modulus, which row 1 fixes to {100 * share:.1f} %' if share else ''
+    return f"{bars}; published: the scanner's stated 0.127 mm{band}."
 
 
 def _curve(name: str, kind: Kind, values: list[Any]) -> Curve:

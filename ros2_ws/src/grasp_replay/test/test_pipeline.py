@@ -32,6 +32,7 @@ from grasp_replay.recording import read_recording
 from grasp_replay.report_files import Extent, make_report
 from grasp_replay.results import document, json_text, verdict
 from grasp_replay.sample_trace import trace_samples
+from grasp_replay.scenes import bands, curves, modulus_share
 
 COARSE = {'control_vertices': 200}
 PUBLISHED = Path(__file__).parents[4] / 'bags' / 'published' / 'table1.yaml'
@@ -221,6 +222,24 @@ def test_files_are_written_as_a_whole_and_leave_nothing_else(grasp: Path, tmp_pa
     assert sorted(path.name for path in (out / 'pictures').iterdir()) == ['row_1.png', 'row_2.png']
     page = (out / 'report.html').read_text()
     assert 'SYNTHETIC: made by the tests' in page
+    assert 'load 2 of 2' in page and 'sha256 of results.json' in page and 'numpy' in page
+
+
+def test_curves_carry_what_row_1_leaves_open_of_the_modulus(outcome: Outcome) -> None:
+    drawn = {curve.name: curve for curve in curves(outcome, [])}
+    koiter = drawn['koiter']
+    share = modulus_share(outcome, koiter)
+    # The samples' forces are known to 0.5 %, each finger by itself.
+    assert 0.003 < share < 0.03
+    assert koiter.upper_n is not None
+    assert koiter.upper_n[-1] == pytest.approx((1 + share) * FORCES_N[-1])
+    assert f'{100 * share:.1f} %' in bands(outcome, list(drawn.values()))
+    assert len(koiter.force_n) > 10 and np.all(np.diff(koiter.displacement_m) > 0.0)
+
+
+def test_a_modulus_that_was_not_fitted_has_no_band(outcome: Outcome) -> None:
+    own = replace(outcome, young_from='object tennis_ball')
+    assert all(curve.lower_n is None for curve in curves(own, []))
 
 
 def test_a_failed_run_leaves_no_results(grasp: Path, tmp_path: Path) -> None:

@@ -233,8 +233,8 @@ def _scan(figure: Figure, axes: Axes, camera: Camera, scene: RowScene) -> None:
 def profile(scene: RowScene) -> Figure:
     """The cut through the first contact: rest, scan, nonlinear, linear."""
     section = dent_section(scene)
-    figure = _figure(5.2, 3.6)
-    axes = figure.add_axes((0.13, 0.15, 0.84, 0.73))
+    figure = _figure(5.2, 3.1)
+    axes = figure.add_axes((0.13, 0.15, 0.84, 0.77))
     scan = thinned(section.scan, PROFILE_POINTS) * MILLI
     axes.scatter(
         scan[:, 0], scan[:, 1], s=3, color='black', linewidths=0, label=f'scan ({scene.kind})'
@@ -254,16 +254,19 @@ def profile(scene: RowScene) -> Figure:
     near = np.concatenate([section.nonlinear, section.linear]).reshape(-1, 2)
     near = near[(np.abs(near[:, 0]) * MILLI < width) & (near[:, 1] > half)]
     deep = float(near[:, 1].min(initial=0.0))
+    # One scale along and across; what is too low for the frame is filled up below.
+    tall = 2 * width * (3.1 * 0.77) / (5.2 * 0.84)
+    top = 0.12 * width
     axes.set(
         xlim=(-width, width),
-        ylim=(deep * MILLI - 0.35 * width, 0.12 * width),
+        ylim=(min(deep * MILLI - 0.1 * width, top - tall), top),
         aspect='equal',
         xlabel='across the contact axis (mm)',
         ylabel='along it (mm)',
     )
     axes.set_title(scene.title, fontsize=10)
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8, loc='lower right')
+    axes.legend(fontsize=8, loc='lower center', ncols=2)
     return figure
 
 
@@ -280,7 +283,9 @@ def force_displacement(curves: Sequence[Curve]) -> Figure:
             colour, style = THEORY_LINES.get(curve.name) or (next(others), next(styles))
             axes.plot(x, y, color=colour, linestyle=style, label=label)
             if curve.lower_n is not None and curve.upper_n is not None:
-                axes.fill_between(x, curve.lower_n, curve.upper_n, color=colour, alpha=0.18)
+                axes.fill_between(
+                    x, curve.lower_n, curve.upper_n, color=colour, alpha=0.18, linewidth=0
+                )
             continue
         band = curve.displacement_band_m
         colour = 'black' if curve.kind == 'published' else next(others)
@@ -288,6 +293,7 @@ def force_displacement(curves: Sequence[Curve]) -> Figure:
             x,
             y,
             xerr=None if band is None else band * MILLI,
+            yerr=curve.force_band_n,
             fmt=MARKERS[curve.kind],
             markersize=6,
             capsize=2,
@@ -321,6 +327,6 @@ def linearity(trace: LinearityTrace) -> Figure:
         right.plot(
             trace.time_s, trace.displacement_m * MILLI, color=LINEAR, linestyle='--', linewidth=1
         )
-        right.set_ylabel('largest displacement (mm), dashed')
+        right.set_ylabel('linear displacement (mm), dashed')
         right.set_ylim(bottom=0)
     return figure

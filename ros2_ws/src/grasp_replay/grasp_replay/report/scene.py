@@ -137,8 +137,9 @@ class RowScene:
 class Curve:
     """One line of the force-displacement plot.
 
-    displacement_m, force_n: (n,) per contact; lower_n, upper_n: (n,) optional band of the force.
-    kind decides the label and the line style; points of an experiment are drawn as markers.
+    displacement_m, force_n: (n,) per contact; lower_n, upper_n: (n,) optional band of the force of
+    a prediction; displacement_band_m, force_band_n: half-widths of the bars on an experiment's
+    points. kind decides the label and the line style; points of an experiment are markers.
     """
 
     name: str
@@ -148,6 +149,7 @@ class Curve:
     lower_n: Floats | None = None
     upper_n: Floats | None = None
     displacement_band_m: float | None = None
+    force_band_n: float | None = None
 
     def __post_init__(self) -> None:
         where = f'curve {self.name!r}'
@@ -170,7 +172,7 @@ class LinearityTrace:
     """The gauge of the transition over the recording.
 
     time_s: (n,) s from the bag's start; linearity: (n,) the predicted relative error of linear
-    theory; displacement_m: (n,) the largest displacement served.
+    theory; displacement_m: (n,) the largest displacement by linear theory.
     """
 
     time_s: Floats

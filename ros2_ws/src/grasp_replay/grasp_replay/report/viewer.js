@@ -85,7 +85,7 @@
       this.controls = figure.querySelectorAll('select, input');
       this.legend = figure.querySelector('.legend-text');
       this.buffers = null;
-      this.zoom = 1.55;
+      this.zoom = 2.0;
       const c = data.camera;
       this.turn = [c[0], c[3], c[6], c[1], c[4], c[7], c[2], c[5], c[8]]; // columns
       this.fingers = new Map();

@@ -118,15 +118,12 @@ def _detail(
                 }
 
 
-def _flat(provenance: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+def _grouped(provenance: Mapping[str, Any]) -> Iterator[tuple[str, list[tuple[str, str]]]]:
     for group, value in provenance.items():
         if group in ('title', 'synthetic'):
             continue
-        if isinstance(value, Mapping):
-            for name, inner in value.items():
-                yield str(group), str(name), str(inner)
-        else:
-            yield str(group), '', str(value)
+        lines = value.items() if isinstance(value, Mapping) else [('', value)]
+        yield str(group), [(str(name), str(inner)) for name, inner in lines]
 
 
 def _curves_of_results(
@@ -161,6 +158,7 @@ def write_report(
     linearity: LinearityTrace | None = None,
     timings: Mapping[str, float] | None = None,
     sections: Sequence[Section] = (),
+    bands: str = '',
 ) -> Path:
     """Write `report.html` and `pictures/<key>.png` into `out_dir`; returns the page's path.
 
@@ -168,6 +166,7 @@ def write_report(
     shapes is allowed when `scenes` is empty). provenance: names to values, one level of groups;
     a key `synthetic` is shown at the top. published: the paper's rows, kept apart from ours.
     curves: force over displacement; by default those of the results. timings: seconds by name.
+    bands: what the bands and bars of the curves mean, in a sentence.
     sections: parts that other modules wrote, shown after the table.
     The same input gives the same bytes. Raises ReportError if rows and scenes do not fit.
     """
@@ -218,9 +217,10 @@ def write_report(
                 pictures.force_displacement(curves or _curves_of_results(rows, theories, kind))
             )
         ),
+        bands=bands,
         linearity_plot=Markup(pictures.svg(pictures.linearity(linearity))) if linearity else '',
         timings=[(name, f'{value:.2f} s') for name, value in (timings or {}).items()],
-        provenance=list(_flat(provenance)),
+        provenance=list(_grouped(provenance)),
         gradient=Markup(_gradient()),
         css=Markup((here / 'page.css').read_text()),
         packed=Markup(json.dumps([pack(scene, top) for scene in scenes])),

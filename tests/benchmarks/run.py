@@ -1,14 +1,26 @@
 """`make bench`: every benchmark table, one after the other; `run.py solver live` only those.
 
 Each benchmark is a module of this folder with a `main()` that prints rows of what, value and goal;
-it runs as a process of its own, so that none heats the caches of another.
+it runs as a process of its own, so that none heats the caches of another. What they print stands
+in docs/benchmarks.md, each part with the date and the load of the machine; a part that was not run
+again is kept.
 """
 
+import os
+import platform
+import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
+PAGE = FOLDER.parents[1] / 'docs' / 'benchmarks.md'
+HEADING = """# Benchmarks
+
+What `make bench` printed, part by part: what, value, goal. `python tests/benchmarks/run.py NAME`
+renews one part. Walls and latencies of a machine with a load above its cores mean little.
+"""
 
 
 def names() -> list[str]:
@@ -16,8 +28,37 @@ def names() -> list[str]:
     return sorted(path.stem for path in FOLDER.glob('*.py') if path.stem != Path(__file__).stem)
 
 
+def run(name: str) -> tuple[int, str]:
+    """Run one benchmark; returns its exit code and its part of the page, shown as it comes."""
+    load = os.getloadavg()[0]
+    with subprocess.Popen(
+        [sys.executable, FOLDER / f'{name}.py'],
+        env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        printed = []
+        for line in process.stdout:
+            print(line, end='', flush=True)
+            printed.append(line.rstrip())
+    machine = (
+        f'{time.strftime("%Y-%m-%d", time.gmtime())}, {os.cpu_count()} cores, load {load:.1f} '
+        f'before, Python {platform.python_version()}'
+    )
+    if process.returncode:
+        machine += f'; ended with exit code {process.returncode}'
+    return process.returncode, '\n'.join([f'## {name}', '', machine, '', '```', *printed, '```'])
+
+
+def parts(text: str) -> dict[str, str]:
+    """The parts of a page by the names of their benchmarks."""
+    found = re.split(r'^(?=## )', text, flags=re.MULTILINE)[1:]
+    return {part.split('\n', 1)[0].removeprefix('## '): part.rstrip() for part in found}
+
+
 def main() -> int:
-    """Run the wanted benchmarks; 1 if one of them failed."""
+    """Run the wanted benchmarks and renew their parts of the page; 1 if one of them failed."""
     wanted = sys.argv[1:] or names()
     unknown = sorted(set(wanted) - set(names()))
     if unknown:
@@ -26,8 +67,15 @@ def main() -> int:
     failed = []
     for name in wanted:
         print(f'== {name}', flush=True)
-        if subprocess.run([sys.executable, FOLDER / f'{name}.py'], check=False).returncode:
+        code, part = run(name)
+        if code:
             failed.append(name)
+        kept = parts(PAGE.read_text()) if PAGE.is_file() else {}
+        kept[name] = part
+        PAGE.write_text(
+            '\n\n'.join([HEADING.rstrip(), *(kept[key] for key in sorted(kept))]) + '\n'
+        )
+    print(f'figures in {PAGE}')
     if failed:
         print(f'failed: {", ".join(failed)}')
     return int(bool(failed))

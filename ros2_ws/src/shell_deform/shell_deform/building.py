@@ -22,6 +22,7 @@ from shell_deform.supports import (
 )
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.limit import LimitSurface
+from shell_deform.surface.outer_ring import extended
 from shell_deform.theory.gas import Gas
 from shell_deform.theory.material import Material
 
@@ -51,9 +52,8 @@ def model_on_mesh(
     """The model of an object on a control mesh whose limit surface is its middle surface."""
     material = Material(shell_object.young_modulus_pa, shell_object.poisson_ratio)
     thickness: float | Array = shell_object.thickness_m
-    own = shell_object.vertex_thickness_m
-    if own is not None and len(own) == len(mesh.vertices):
-        thickness = own
+    if shell_object.vertex_thickness_m is not None:
+        thickness = extended(shell_object.vertex_thickness_m, mesh)
     shell = discretise(mesh, material, thickness)
     parts: list[SupportRows] = []
     for support in shell_object.supports:
@@ -76,18 +76,16 @@ def object_contacts(
 ) -> tuple[ContactPatch, ...]:
     """Contact patches at the contacts the object declares, of `radius` [m] or their own.
 
-    A pin presses evenly, a pad as two smooth bodies do.
+    A pin presses evenly over its radius; a pad is a rigid body and keeps its own.
 
     Raises ObjectError when it declares none.
     """
     if not shell_object.contacts:
         raise ObjectError(f'{shell_object.name}: no contacts; add contacts: [{{at_m: …}}]')
     return tuple(
-        model.contact(
-            np.array(contact.at_m),
-            radius or contact.radius_m,
-            profile='hertz' if contact.kind == 'pad' else 'uniform',
-        )
+        model.pad(np.array(contact.at_m), contact.radius_m, contact.curvature_radius_m)
+        if contact.kind == 'pad'
+        else model.contact(np.array(contact.at_m), radius or contact.radius_m)
         for contact in shell_object.contacts
     )
 

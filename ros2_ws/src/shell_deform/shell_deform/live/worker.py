@@ -42,7 +42,8 @@ def build(options: dict[str, object]) -> ShellModel:
 
 def share(solver: LiveSolver) -> tuple[SharedMemory, int]:
     """Shared memory with the surface at rest in it, and its descriptor."""
-    triangles = solver.model.shell.mesh.triangles
+    mesh = solver.model.shell.mesh
+    triangles = mesh.triangles[mesh.active]
     layout = Layout(len(solver.model.rest), len(triangles))
     memory, descriptor = create(layout)
     memory.rest[:] = solver.unloaded_surface
@@ -121,7 +122,11 @@ def main() -> int:
         'triangles': layout.triangles,
         'thickness': float(solver.model.shell.thickness.mean()),
     }
-    socket.send_fds(connection, [json.dumps(hello).encode() + b'\n'], [descriptor])
+    try:
+        socket.send_fds(connection, [json.dumps(hello).encode() + b'\n'], [descriptor])
+    except BrokenPipeError:
+        # Whoever asked for the shell has ended meanwhile.
+        return 0
     os.close(descriptor)
     Loop(solver, memory, int(sys.argv[2])).run(connection)
     return 0

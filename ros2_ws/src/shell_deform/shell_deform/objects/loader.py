@@ -28,6 +28,7 @@ from .shell_object import (
     Surface,
     edge_names,
     is_closed,
+    smallest_radius,
 )
 from .yaml_reader import Entry, read_document
 
@@ -183,18 +184,10 @@ def _file(entry: Entry, folder: Path) -> Path:
     return path
 
 
-def _smallest_radius(surface: Surface) -> float:
-    if isinstance(surface, Sphere | Cylinder | HalfCylinder):
-        return 0.5 * surface.outer_diameter_m
-    if isinstance(surface, Ellipsoid | Cone):
-        return 0.5 * min(surface.outer_diameters_m)
-    return np.inf
-
-
 def _thickness(entry: Entry, surface: Surface) -> tuple[float, npt.NDArray[np.float64] | None]:
     if not entry.is_list:
         value = entry.number(above=0.0, maximum=1.0)
-        radius = _smallest_radius(surface)
+        radius = smallest_radius(surface)
         if value >= radius:
             raise entry.error(
                 f'thickness_m is {value:g}, not below the smallest outer radius {radius:g}'
@@ -249,7 +242,14 @@ def _is_number(text: str) -> bool:
 
 
 def _contact(entry: Entry, surface: Surface) -> Contact:
-    found = entry.mapping(['at_m', 'radius_m', 'kind'])
+    found = entry.mapping(['at_m', 'radius_m', 'kind'], ['curvature_radius_m'])
     x, y, z = (value.number(minimum=-1000, maximum=1000) for value in found['at_m'].items(3))
-    radius = found['radius_m'].number(above=0.0, maximum=_smallest_radius(surface))
-    return Contact((x, y, z), radius, cast(Any, found['kind'].text(['pin', 'pad'])))
+    kind = cast(Any, found['kind'].text(['pin', 'pad']))
+    largest = smallest_radius(surface) if kind == 'pin' else 1000.0
+    radius = found['radius_m'].number(above=0.0, maximum=largest)
+    curvature = None
+    if 'curvature_radius_m' in found:
+        if kind == 'pin':
+            raise found['curvature_radius_m'].error('curvature_radius_m needs kind: pad, not pin')
+        curvature = found['curvature_radius_m'].number(minimum=radius, maximum=1e6)
+    return Contact((x, y, z), radius, kind, curvature)

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from ..surface.control_mesh import ControlMesh, control_mesh
 from ..surface.fit import FitReport, Target, fit_limit_surface, fit_report, interpolating
+from ..surface.outer_ring import with_outer_ring
 from .drawn import drawn_together
 from .file_mesh import LimitTarget, control_file, read_triangles
 from .grid_mesh import HalfCylinderTarget, HeightFieldTarget, grid, read_heights
@@ -16,6 +17,7 @@ from .revolved_mesh import revolved_mesh
 from .round_mesh import graded_sphere, turned_to
 from .shell_object import (
     Cone,
+    Contact,
     Cylinder,
     Ellipsoid,
     HalfCylinder,
@@ -25,6 +27,7 @@ from .shell_object import (
     Revolution,
     ShellObject,
     Sphere,
+    smallest_radius,
 )
 from .targets import EllipsoidTarget, SphereTarget
 
@@ -48,10 +51,13 @@ def object_mesh(
 ) -> ControlMesh:
     """Control mesh whose limit surface is the middle surface of `shell`.
 
-    Triangles are small at the contacts and grow smoothly away from them.
+    Triangles are small at the contacts and grow smoothly away from them. Beyond every edge of an
+    open surface lies a ring of control points that carries no surface (`surface/outer_ring.py`);
+    its numbers come after those of the vertices on the surface.
 
     Args:
-        control_vertices: about how many vertices (default: the object's own number).
+        control_vertices: about how many vertices on the surface (default: the object's own
+            number).
         refine_at: (k, 3) points of the surface to refine at [m] (default: the object's
             contacts; an empty list refines nowhere).
         refine_radius: radius of these contacts [m] (default: the smallest of the object's
@@ -66,7 +72,8 @@ def object_mesh(
     places, radius = _refinement(shell, refine_at, refine_radius)
     surface = shell.surface
     if isinstance(surface, MeshFile):
-        return _from_file(shell, surface, count, places, radius)
+        found = _from_file(shell, surface, count, places, radius)
+        return found if found.is_closed else _ringed(found, LimitTarget(found))
     target = middle_surface(shell)
     if isinstance(surface, Sphere | Ellipsoid):
         mesh, places = _round(surface, 0.5 * shell.thickness_m, count, places, radius)
@@ -80,7 +87,12 @@ def object_mesh(
         mesh, places = _revolved(meridian(shell), count, places, radius)
     if len(places):
         mesh = drawn_together(mesh, target, places, EDGES_PER_RADIUS * radius)
-    return fit_limit_surface(interpolating(mesh), target, FIT_STEPS)
+    return _ringed(interpolating(mesh), target)
+
+
+def _ringed(mesh: ControlMesh, target: Target) -> ControlMesh:
+    """Control points of `mesh`, and of a ring beyond its edges, fitted to `target`."""
+    return fit_limit_surface(with_outer_ring(mesh), target, FIT_STEPS)
 
 
 def middle_surface(shell: ShellObject) -> Target:
@@ -140,10 +152,20 @@ def _refinement(
         raise ObjectError(f'{shell.name}: refine_at holds a place that is not finite')
     radius = refine_radius
     if radius is None:
-        radius = min((contact.radius_m for contact in shell.contacts), default=np.inf)
+        radius = min((_contact_length(shell, c) for c in shell.contacts), default=np.inf)
     if not radius > 0.0:
         raise ObjectError(f'{shell.name}: refine_radius is {radius}; it must be above 0')
     return places, float(radius)
+
+
+def _contact_length(shell: ShellObject, contact: Contact) -> float:
+    """Size [m] that triangles under a contact must resolve.
+
+    A pad presses along a ring that begins at its centre and is as narrow as the wall's bending
+    length sqrt(R h) allows.
+    """
+    bending = np.sqrt(smallest_radius(shell.surface) * shell.thickness_m)
+    return contact.radius_m if contact.kind == 'pin' else min(contact.radius_m, 0.25 * bending)
 
 
 def _from_file(

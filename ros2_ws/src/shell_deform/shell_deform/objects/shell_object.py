@@ -118,11 +118,16 @@ class Support:
 
 @dataclass(frozen=True)
 class Contact:
-    """A place where the object is touched, on its outer face."""
+    """A place where the object is touched, on its outer face.
+
+    A pin presses evenly over its radius. A pad is a rigid body with a rim of that radius and a
+    flat face, or one of `curvature_radius_m`.
+    """
 
     at_m: tuple[float, float, float]
     radius_m: float
     kind: Literal['pin', 'pad']
+    curvature_radius_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -176,3 +181,12 @@ def is_closed(surface: Surface) -> bool | None:
     if isinstance(surface, MeshFile):
         return None
     return False
+
+
+def smallest_radius(surface: Surface) -> float:
+    """Smallest outer radius of a primitive [m]; inf where it has none of its own."""
+    if isinstance(surface, Sphere | Cylinder | HalfCylinder):
+        return 0.5 * surface.outer_diameter_m
+    if isinstance(surface, Ellipsoid | Cone):
+        return 0.5 * min(surface.outer_diameters_m)
+    return float(np.inf)

@@ -87,8 +87,8 @@ class ControlMesh:
 
     @property
     def is_closed(self) -> bool:
-        """True if the mesh has no boundary."""
-        return len(self.boundary_edges) == 0
+        """True if the surface has no boundary."""
+        return len(self.boundary_edges) == 0 and bool(self.active.all())
 
     @cached_property
     def edges(self) -> IndexArray:

@@ -18,6 +18,9 @@ from .patch_table import edge_weights, patch_table, vertex_kinds
 
 __all__ = ['ClosestPoints', 'LimitSurface', 'SurfacePoints']
 
+SHOWN_BEYOND = 0.1
+"""Share of their true distance from the edge at which vertices beyond it are shown."""
+
 _CORNER_PARAMETERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 
 
@@ -60,7 +63,10 @@ class LimitSurface:
 
     @cached_property
     def limit_matrix(self) -> csr_matrix:
-        """(n, n) sparse matrix from control points to limit positions of the vertices."""
+        """(n, n) sparse matrix from control points to limit positions of the vertices.
+
+        Vertices beyond an edge have none; they are shown close to it, see `_beside_surface`.
+        """
         return _limit_matrix(self.mesh)
 
     @cached_property
@@ -187,9 +193,32 @@ def _limit_matrix(mesh: ControlMesh) -> csr_matrix:
         blocks.append((owner, there.nodes.astype(np.int64), there.values))
     row, column, value = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
     matrix = coo_matrix((value, (row, column)), (n, n)).tocsr()
+    if not mesh.active.all():
+        matrix = _beside_surface(mesh) @ matrix
     matrix.eliminate_zeros()
     matrix.sort_indices()
     return matrix
+
+
+def _beside_surface(mesh: ControlMesh) -> csr_matrix:
+    """(n, n) map that draws vertices beyond an edge near to one on it.
+
+    They lie on no surface. Near the edge they neither widen what is shown nor exaggerate how far
+    it moves, and their control points still follow from where they are shown.
+    """
+    n = mesh.vertex_count
+    on_surface = np.zeros(n, dtype=bool)
+    on_surface[mesh.triangles[mesh.active]] = True
+    pairs = np.concatenate([mesh.edges, mesh.edges[:, ::-1]]).astype(np.int64)
+    pairs = pairs[~on_surface[pairs[:, 0]] & on_surface[pairs[:, 1]]]
+    outside, first = np.unique(pairs[:, 0], return_index=True)
+    share = np.ones(n)
+    share[outside] = SHOWN_BEYOND
+    edge = pairs[first, 1]
+    rows = np.concatenate([np.arange(n), outside])
+    columns = np.concatenate([np.arange(n), edge])
+    values = np.concatenate([share, np.full(len(edge), 1.0 - SHOWN_BEYOND)])
+    return coo_matrix((values, (rows, columns)), (n, n)).tocsr()
 
 
 def _one_corner_per_fan(mesh: ControlMesh) -> tuple[IntArray, IntArray, IntArray]:

@@ -17,7 +17,7 @@ from shell_deform.model import ShellModel
 from shell_deform.solve.equilibrium import LoadCase, forced
 from shell_deform.solve.newton import EquilibriumSolver, borders
 from shell_deform.supports import hold_position, joined, symmetry
-from shell_deform.surface.control_mesh import control_mesh, moved
+from shell_deform.surface.control_mesh import control_mesh
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.theory.material import Material
 from shell_deform.verification.grid_surface import grid_surface
@@ -139,14 +139,13 @@ def upper_half_sphere(radius: float, subdivisions: int):  # type: ignore[no-unty
     for _ in range(subdivisions):
         vertices, faces = trimesh.remesh.subdivide(vertices, faces)
         vertices = vertices / np.linalg.norm(vertices, axis=1)[:, None]
-    centre = vertices[faces].mean(axis=1)
-    mesh = control_mesh(radius * vertices, faces, active=centre[:, 2] > 0)
-    surface = LimitSurface(mesh)
-    points = mesh.vertices
+    surface = LimitSurface(control_mesh(radius * vertices, faces))
+    points = surface.mesh.vertices
     for _ in range(40):
         limit = surface.limit_positions(points)
         points = points + radius * limit / np.linalg.norm(limit, axis=1)[:, None] - limit
-    return moved(mesh, points)
+    upper = vertices[faces].mean(axis=1)[:, 2] > 0
+    return control_mesh(points, faces, active=upper)
 
 
 def unheld(case: LoadCase) -> LoadCase:

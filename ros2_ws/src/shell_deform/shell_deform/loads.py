@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.assemble import Discretisation
+from shell_deform.pads import Pad
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.surface.loop_basis import basis_rows
@@ -46,6 +47,7 @@ class ContactPatch:
         centre: (n,) basis values at the centre. spread: (n,) their mean over the patch.
         moments: (n, 3) mean over the patch of basis value times offset from the centre [m].
         inertia: mean squared offset across the axis [m^2].
+        pad: the rigid body that touches here; None where the traction is given (a pin).
     """
 
     point: Array
@@ -55,6 +57,7 @@ class ContactPatch:
     spread: Array
     moments: Array
     inertia: float
+    pad: Pad | None = None
 
     @property
     def lateral(self) -> tuple[Array, Array]:

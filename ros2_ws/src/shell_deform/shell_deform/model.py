@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,7 +11,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from shell_deform.assemble import Discretisation
-from shell_deform.loads import ContactPatch, contact_patch
+from shell_deform.loads import ContactPatch, LoadError, contact_patch
+from shell_deform.pads import Pad
 from shell_deform.supports import (
     SupportRows,
     free_rigid_modes,
@@ -26,6 +27,8 @@ Array = NDArray[np.float64]
 
 # A control point with less stiffness than this share of the median carries no surface.
 IDLE_STIFFNESS = 1e-7
+# A pad is held in the middle, over this share of the root of the surface's area.
+HELD_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,7 @@ class Tangent:
         stiffness: (N, N) sparse part of the second derivative [N/m].
         gas_row: (N,) derivative of the volume [m^2]. gas_stiffness: [Pa/m^3], 0 without gas.
         gas_pressure: overpressure [Pa].
+        pad_rows: (N, f), pad_corner: (f,) of pads under given force, see `pads.Press`.
     """
 
     energy: float
@@ -45,6 +49,8 @@ class Tangent:
     gas_row: Array
     gas_stiffness: float
     gas_pressure: float
+    pad_rows: Array | None = None
+    pad_corner: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -91,6 +97,29 @@ class ShellModel:
     ) -> ContactPatch:
         """Contact patch of `radius` [m] nearest to `at` (3,) [m], pushed along `axis`."""
         return contact_patch(self.surface, at, radius, axis, profile)
+
+    def pad(self, at: Array, radius: float, curvature_radius: float | None = None) -> ContactPatch:
+        """Rigid pad that touches the outer face nearest to `at` (3,) [m], its axis the normal.
+
+        `radius` [m] of its rim; its face is flat, or a cap of a sphere of `curvature_radius` [m].
+        What is held of it is the middle of the patch it first lies on. Raises LoadError for a
+        radius that no pad can have.
+        """
+        if not (np.isfinite(radius) and radius > 0):
+            raise LoadError(f'pad radius is {radius} m; it must be positive')
+        if curvature_radius is not None and not curvature_radius >= radius:
+            raise LoadError(
+                f'the face of the pad has a radius of {curvature_radius} m, less than that of its '
+                f'rim, {radius} m'
+            )
+        held = min(radius, HELD_SHARE * np.sqrt(self.shell.area))
+        patch = contact_patch(self.surface, at, held)
+        wall = self.shell.thickness[
+            np.argmin(np.linalg.norm(self.shell.value_matrix() @ self.rest - patch.point, axis=1))
+        ]
+        curvature = 0.0 if curvature_radius is None else 1.0 / curvature_radius
+        apex = patch.point - 0.5 * wall * patch.axis
+        return replace(patch, pad=Pad(apex, patch.axis, float(radius), curvature))
 
     @cached_property
     def _fixed_values(self) -> Array:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from shell_deform.model import ShellModel, Tangent
+from shell_deform.pads import PadField, pad_field
 from shell_deform.solve.bordered import BorderedSystem
 from shell_deform.solve.equilibrium import LoadCase
 from shell_deform.solve.factor_base import Factor
@@ -23,7 +25,10 @@ class Borders:
     Attributes:
         push: (N, k) nodal forces of unit pushes. measure: (N, k) rows of centre displacements.
         held: (N, h) rows kept at zero: held contacts, rigid motions that nothing else prevents.
-        dead: (N,) other dead load [N]. driven: (k,) whether the displacement is prescribed.
+        dead: (N,) other dead load [N]. driven: (k,) whether the displacement is prescribed and
+            the push an unknown: pins only, since a pad pushes by itself.
+        loose: (N, l) rigid motions that only the pads prevent, and only while they touch.
+        pads: the case's rigid pads, in the order of its contacts, or None.
     """
 
     push: Array
@@ -31,6 +36,8 @@ class Borders:
     held: Array
     dead: Array
     driven: NDArray[np.bool_]
+    loose: Array
+    pads: PadField | None = None
 
     @property
     def unknown_pushes(self) -> Array:
@@ -48,23 +55,34 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
     held: list[Array] = []
     dead = np.zeros(size) if case.dead_load is None else case.dead_load.copy()
     for i, contact in enumerate(contacts):
-        push[:, i] = contact.force_pattern(contact.axis).reshape(-1)
-        measure[:, i] = contact.displacement_row().reshape(-1)
+        if contact.pad is None:
+            push[:, i] = contact.force_pattern(contact.axis).reshape(-1)
+            measure[:, i] = contact.displacement_row().reshape(-1)
         if case.held:
             held.extend(row.reshape(-1) for row in contact.held_rows())
         if case.lateral is not None:
             dead += contact.force_pattern(case.lateral[i])
     rows = np.stack(held, axis=1) if held else np.zeros((count, 0))
     rows = _independent(rows)
-    left = free_rigid_modes(
-        model.free_modes, np.concatenate([rows, measure[:, case.driven]], axis=1)
-    )
+    pads = {i: contact.pad for i, contact in enumerate(contacts) if contact.pad is not None}
+    driven = case.driven & ~case.padded
+    left = free_rigid_modes(model.free_modes, np.concatenate([rows, measure[:, driven]], axis=1))
+    loose = np.zeros((count, 0))
+    pushed = [
+        contacts[i].displacement_row().reshape(-1) for i in np.flatnonzero(case.driven & ~driven)
+    ]
+    if pushed and left.shape[1]:
+        all_left = left
+        left = free_rigid_modes(all_left, np.stack(pushed, axis=1))
+        loose = all_left @ scipy.linalg.null_space((all_left.T @ left).T)
     return Borders(
         push=push,
         measure=measure,
         held=np.concatenate([rows, left], axis=1),
         dead=dead.reshape(-1),
-        driven=case.driven,
+        driven=driven,
+        loose=loose,
+        pads=pad_field(model, pads, case.driven),
     )
 
 
@@ -73,7 +91,7 @@ def negative_directions(
 ) -> int:
     """Negative directions of a factorised system with symmetric borders."""
     negative = factor.inertia.negative + int(np.sum(np.linalg.eigvalsh(system.schur) < 0))
-    constraints = int(edge.driven.sum()) + edge.held.shape[1]
+    constraints = int(edge.driven.sum()) + edge.held.shape[1] + edge.loose.shape[1]
     return negative - constraints - (1 if tangent.gas_stiffness else 0)
 
 

@@ -60,6 +60,7 @@ def minimise(
     """
     if np.any(case.driven) or not np.any(case.force):
         raise LoadCaseError('conjugate gradients need forces: prescribe force, not displacement')
+    case.refuse_pads('the conjugate-gradient minimiser')
     edge = borders(model, case)
     rows = edge.held
     if model.supports is not None:

@@ -60,6 +60,7 @@ def follow_path(
     ends when the factor passes `until` for good, after `options.points` points, or when a step
     below `options.smallest_step` does not converge.
     """
+    case.refuse_pads('arc length')
     model = solver.model
     edge = borders(model, forced(case.contacts, case.force))
     if case.dead_load is not None:
@@ -111,6 +112,7 @@ def _along(edge: Borders, load: Array, measure: Array) -> Borders:
         held=edge.held,
         dead=np.zeros_like(load),
         driven=np.array([True]),
+        loose=edge.loose,
     )
 
 

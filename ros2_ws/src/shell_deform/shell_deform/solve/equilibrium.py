@@ -23,7 +23,8 @@ class LoadCase:
     Attributes:
         contacts: k contact patches.
         force: (k,) push along each axis [N]; NaN where the displacement is prescribed.
-        displacement: (k,) motion of each centre along its axis [m]; NaN where the force is.
+        displacement: (k,) motion along its axis [m] of each pin's centre on the middle surface,
+            and of each rigid pad; NaN where the force is prescribed.
         lateral: (k, 3) dead force beside the push [N], or None.
         held: whether the mean lateral motion and spin of every patch are kept at zero.
         dead_load: (n, 3) other nodal forces [N], or None.
@@ -58,6 +59,16 @@ class LoadCase:
         """(k,) contacts whose displacement is prescribed."""
         return ~np.isnan(self.displacement)
 
+    @property
+    def padded(self) -> NDArray[np.bool_]:
+        """(k,) contacts that are rigid pads."""
+        return np.array([contact.pad is not None for contact in self.contacts], dtype=bool)
+
+    def refuse_pads(self, method: str) -> None:
+        """Raise LoadCaseError where a contact is a pad, which `method` cannot treat."""
+        if self.padded.any():
+            raise LoadCaseError(f'{method} takes pins, no rigid pads; use Newton steps for pads')
+
 
 def forced(contacts: tuple[ContactPatch, ...], force: Array | list[float]) -> LoadCase:
     """Load case with the push [N] prescribed at every contact."""
@@ -87,7 +98,7 @@ class Equilibrium:
         converged: whether the whole load case is carried.
         message: why not, in one sentence; empty when converged.
         positions: (n, 3) control points of the middle surface [m].
-        force: (k,) push of each contact [N]. displacement: (k,) of each centre [m].
+        force: (k,) push of each contact [N]. displacement: (k,) of each centre or pad [m].
         multipliers: (m,) reactions of held contacts and free rigid motions [N].
         unbalance: (6,) resultant force [N] and moment [N m] about the origin that the applied
             loads leave to supports and rigid-motion constraints.
@@ -97,6 +108,7 @@ class Equilibrium:
         load_fraction: share of the load case that is carried, 1 when converged.
         negative_modes: directions of negative stiffness under these controls, None if not asked.
         dead_load: (3 n,) other load carried [N]; empty for none.
+        pad_load: (3 n,) what the rigid pads push with [N]; empty for none.
         support_target: where support conditions were moved to [m], or None.
         history: up to three states that led here, this one last.
     """
@@ -116,6 +128,7 @@ class Equilibrium:
     load_fraction: float = 1.0
     negative_modes: int | None = None
     dead_load: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    pad_load: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     support_target: Array | None = field(default=None, repr=False)
     history: tuple[PathState, ...] = field(default=(), repr=False)
 

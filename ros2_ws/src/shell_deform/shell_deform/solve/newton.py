@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from shell_deform.model import ShellModel, Tangent, diagonal_entry
+from shell_deform.pads import FIRST_STIFFNESS, LAST_STIFFNESS
 from shell_deform.solve.bordered import BorderedSystem
 from shell_deform.solve.borders import Borders, borders, negative_directions
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, PathState
@@ -31,6 +32,11 @@ Array = NDArray[np.float64]
 
 # One linear solve leaves round-off of the stiffest support spring; a singular one leaves all.
 LINEAR_RESIDUAL = 1e-4
+# Stiffness of motions that only a touching pad prevents, over that of one dof: a tangent needs
+# some before the pad touches; no residual contains it.
+LOOSE_STIFFNESS = 1e-6
+# Passes in which pads press home, each at first so many times as stiff as the one before.
+MOST_PAD_PASSES, PAD_STIFFENING = 30, 4.0
 
 
 @dataclass(frozen=True)
@@ -47,6 +53,7 @@ class NewtonOptions:
         settled_move: displacement change [in wall thicknesses] below which an iteration has
             nothing left to correct but round-off.
         stability: whether to count negative modes at the end.
+        penetration: of rigid pads, in wall thicknesses.
     """
 
     tolerance: float = 1e-9
@@ -57,6 +64,7 @@ class NewtonOptions:
     largest_move: float = 8.0
     settled_move: float = 1e-9
     stability: bool = False
+    penetration: float = 3e-4
 
 
 class EquilibriumSolver:
@@ -89,7 +97,7 @@ class EquilibriumSolver:
 
     def solve(self, case: LoadCase, start: Equilibrium | None = None) -> Equilibrium:
         """Equilibrium under `case`, from `start` (default: rest), by as few steps as converge."""
-        if THEORIES[self.model.theory].is_linear:
+        if THEORIES[self.model.theory].is_linear and not case.padded.any():
             return self._solve_linear(case)
         start = start or self.rest()
         edge = borders(self.model, case)
@@ -122,6 +130,11 @@ class EquilibriumSolver:
             if step < self.options.smallest_step:
                 break
         done = fraction >= 1.0 - 1e-12
+        if done and edge.pads is not None:
+            edge, here, message = self._pressed_home(edge, loads, here)
+            iterations += here.iterations
+            factorisations += here.factorisations
+            done = not message
         return replace(
             here,
             converged=done,
@@ -132,6 +145,36 @@ class EquilibriumSolver:
             unbalance=self._unbalance(edge, here),
             negative_modes=self.negative_modes(edge, here) if self.options.stability else None,
         )
+
+    def _pressed_home(
+        self, edge: Borders, loads: StepLoads, here: Equilibrium
+    ) -> tuple[Borders, Equilibrium, str]:
+        """Let pads press until they sink in no further than `penetration`; why not, if not."""
+        iterations = factorisations = 0
+        message = f'the pads still sink in after {MOST_PAD_PASSES} passes'
+        stiffness, stiffer = FIRST_STIFFNESS, PAD_STIFFENING
+        for _ in range(MOST_PAD_PASSES):
+            assert edge.pads is not None
+            press = edge.pads.press(here.positions, here.displacement, loads.force)
+            if edge.pads.penetration(press) < self.options.penetration * self._wall:
+                message = ''
+                break
+            if stiffness * stiffer > LAST_STIFFNESS:
+                stiffer = 1.0
+            trial = replace(edge, pads=edge.pads.augmented(press, stiffer))
+            found = self.step(trial, loads, here)
+            iterations += found.iterations
+            factorisations += found.factorisations
+            if found.converged:
+                edge, here = trial, replace(found, history=here.history)
+                stiffness *= stiffer
+            elif stiffer > 1.0:
+                stiffer = np.sqrt(stiffer) if stiffer > 1.5 else 1.0
+            else:
+                message = found.message
+                break
+        here = replace(here, iterations=iterations, factorisations=factorisations)
+        return edge, here, message
 
     def sweep(self, cases: list[LoadCase], start: Equilibrium | None = None) -> list[Equilibrium]:
         """Equilibria of a list of load cases, each started from the ones before it."""
@@ -150,6 +193,7 @@ class EquilibriumSolver:
         Every contact counts as forced here; the second result is the motion of each contact's
         centre along its axis under each push.
         """
+        case.refuse_pads('the response to unit pushes')
         edge = borders(
             self.model,
             replace(
@@ -196,7 +240,7 @@ class EquilibriumSolver:
         same = len(start.force) == len(case.contacts)
         return replace(
             start,
-            displacement=moved,
+            displacement=np.where(case.padded, start.displacement, moved) if same else moved,
             force=start.force if same else np.zeros(len(case.contacts)),
             multipliers=np.zeros(edge.held.shape[1]),
         )
@@ -206,8 +250,8 @@ class EquilibriumSolver:
         return self.system_and_factor(tangent, edge)[0]
 
     def system_and_factor(self, tangent: Tangent, edge: Borders) -> tuple[BorderedSystem, Factor]:
-        """Bordered system: unknown pushes, held rows, springs taken back, gas."""
-        matrix = tangent.stiffness.copy()
+        """Bordered system: unknown pushes, held rows, springs taken back, gas, forced pads."""
+        matrix = self.model.shell.pattern.matrix(tangent.stiffness.data.copy())
         springs = self.model.springs
         diagonal = matrix.diagonal()
         stiff = float(np.median(diagonal[diagonal > 0])) if len(springs) else 1.0
@@ -229,6 +273,14 @@ class EquilibriumSolver:
             columns.append(gas)
             rows.append(gas)
             corner.append(np.array([-1.0 / tangent.gas_stiffness]))
+        if tangent.pad_rows is not None and tangent.pad_corner is not None:
+            columns.append(tangent.pad_rows)
+            rows.append(tangent.pad_rows)
+            corner.append(tangent.pad_corner)
+        if edge.loose.shape[1]:
+            columns.append(edge.loose)
+            rows.append(edge.loose)
+            corner.append(np.full(edge.loose.shape[1], -1.0 / (LOOSE_STIFFNESS * stiff)))
         system = BorderedSystem(
             factor,
             matrix,
@@ -263,11 +315,16 @@ class EquilibriumSolver:
         iterations = factorisations = 0
         message = 'Newton iterations did not converge'
         reference_move = options.largest_move * self._wall
+        pads, press = edge.pads, None
+        if pads is not None:
+            press = pads.press(positions, pads.start(moved, here.displacement), force)
         while True:
             if system is None:
                 if factorisations == options.factorisations:
                     break
                 tangent = model.tangent(positions, loads.target, free.reshape(-1, 3))
+                if pads is not None and press is not None:
+                    tangent = pads.pressed(tangent, press)
                 if not np.all(np.isfinite(tangent.gradient)):
                     message = 'the surface folded onto itself'
                     break
@@ -293,6 +350,9 @@ class EquilibriumSolver:
             free = free + step
             positions = model.rest + free.reshape(-1, 3)
             energy, gradient = model.gradient(positions, loads.target, free.reshape(-1, 3))
+            if pads is not None and press is not None:
+                press = pads.press(positions, press.depth, force)
+                energy, gradient = energy + press.energy, gradient + press.gradient.reshape(-1)
             pushes = np.where(edge.driven, 0.0, force)
             pushes[edge.driven] = border[:unknown]
             multipliers = border[unknown : unknown + held]
@@ -302,6 +362,7 @@ class EquilibriumSolver:
             scale = max(
                 float(np.linalg.norm(carried)),
                 float(np.linalg.norm(edge.held @ multipliers)),
+                0.0 if press is None else float(np.linalg.norm(press.gradient)),
                 self._support_force(free.reshape(-1, 3), loads.target),
                 noise,
             )
@@ -328,7 +389,7 @@ class EquilibriumSolver:
                     dead_load=dead,
                     support_target=loads.target,
                 )
-                return state
+                return state if pads is None or press is None else pads.seen(state, press)
             if not np.isfinite(residual):
                 message = 'the surface folded onto itself'
                 break
@@ -369,7 +430,10 @@ class EquilibriumSolver:
 
     def _unbalance(self, edge: Borders, state: Equilibrium) -> Array:
         """Resultant and moment of the applied loads about the origin."""
-        carried = (edge.push @ state.force + edge.dead).reshape(-1, 3)
+        carried = edge.push @ state.force + edge.dead
+        if len(state.pad_load):
+            carried = carried + state.pad_load
+        carried = carried.reshape(-1, 3)
         moment = np.cross(state.positions, carried).sum(axis=0)
         return np.concatenate([carried.sum(axis=0), moment])
 
@@ -382,4 +446,7 @@ class EquilibriumSolver:
         """
         symmetric = replace(edge, measure=-edge.push)
         tangent = self.model.tangent(state.positions)
+        if edge.pads is not None:
+            press = edge.pads.press(state.positions, state.displacement, state.force)
+            tangent = edge.pads.pressed(tangent, press)
         return negative_directions(*self.system_and_factor(tangent, symmetric), symmetric, tangent)

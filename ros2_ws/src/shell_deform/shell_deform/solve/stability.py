@@ -56,6 +56,7 @@ def snap_margin(
     Contacts whose displacement is prescribed keep the mean motion of their patch; forced ones give
     way. `rest_stiffness` [N/m]: from an earlier margin with the same contacts and controls.
     """
+    case.refuse_pads('the margin to snap')
     edge = symmetric(borders(solver.model, case))
     if rest_stiffness is None:
         rest_stiffness = smallest_stiffness(solver, edge, solver.model.rest)[0]

@@ -1,0 +1,133 @@
+"""A hollow sphere between two rigid plates as a solid with contact, kept as a small file.
+
+The oracle of the rigid pads of `shell_deform`: it shares no code and no theory with them.
+`python -m bags.solid_plates` solves it anew (needs ccx, about a minute).
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bags import calculix
+
+KEPT = (
+    Path(__file__).parents[1]
+    / 'ros2_ws/src/shell_deform/shell_deform/verification/solid_plates.json'
+)
+PLATE_ELEMENTS = 40
+# CalculiX turns axisymmetric elements into a wedge of two degrees and prints the forces on it.
+WEDGES = 180
+# Contact stiffness [MPa/mm]: it lets less than 1e-4 mm of overclosure through here.
+CONTACT_STIFFNESS = 1e5
+
+
+@dataclass(frozen=True)
+class Squeezed:
+    """The upper half of a hollow sphere (mm, MPa): middle radius, wall, material, mesh."""
+
+    radius: float = 50.0
+    thickness: float = 1.0
+    young_modulus: float = 1000.0
+    poisson_ratio: float = 0.3
+    along: int = 160
+    across: int = 2
+
+
+def deck(ball: Squeezed, depths: np.ndarray) -> str:
+    """Axisymmetric quadratic elements, a stiff plate above the pole, one step for each depth."""
+    columns, rows = 2 * ball.along, 2 * ball.across
+    # Half of the elements lie within the cap that a plate flattens.
+    share = np.linspace(0.0, 1.0, columns + 1)
+    angle = 0.5 * np.pi * (0.4 * share + 0.6 * share**3)
+    level = ball.radius + ball.thickness * np.linspace(-0.5, 0.5, rows + 1)
+    number: dict[tuple[int, int], int] = {}
+    nodes: dict[int, tuple[float, float, float]] = {}
+    for i in range(columns + 1):
+        for j in range(rows + 1):
+            if i % 2 and j % 2:
+                continue
+            number[i, j] = len(nodes) + 1
+            x, y = level[j] * np.sin(angle[i]), level[j] * np.cos(angle[i])
+            nodes[number[i, j]] = (x if i else 0.0, y if i < columns else 0.0, 0.0)
+    elements = [
+        [number[i + a, j + b] for a, b in
+         ((0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1))]
+        for i in range(0, columns, 2)
+        for j in range(0, rows, 2)
+    ]  # fmt: skip
+    outer = [k + 1 for k in range(len(elements)) if k % ball.across == ball.across - 1]
+    first, top = len(nodes) + 1, float(level[-1])
+    for i in range(PLATE_ELEMENTS + 1):
+        x = 0.6 * ball.radius * i / PLATE_ELEMENTS
+        nodes[first + 2 * i], nodes[first + 2 * i + 1] = (x, top, 0.0), (x, top + 2.0, 0.0)
+    plate = np.array(
+        [[first + 2 * i + c for c in (0, 2, 3, 1)] for i in range(PLATE_ELEMENTS)], dtype=np.int64
+    )
+    start = len(elements) + 1
+    equator = [number[columns, j] for j in range(rows + 1)]
+    axis = [number[0, j] for j in range(rows + 1)]
+    parts = [
+        '*HEADING\nhollow sphere between rigid plates',
+        '*NODE,NSET=ALL\n' + calculix.node_lines(nodes),
+        '*ELEMENT,TYPE=CAX8R,ELSET=WALL',
+        calculix.element_lines(np.array(elements, dtype=np.int64)),
+        '*ELEMENT,TYPE=CAX4,ELSET=PLATE',
+        calculix.element_lines(plate, start),
+        calculix.set_lines('PLATE', 'N', range(first, len(nodes) + 1)),
+        f'*MATERIAL,NAME=WALL\n*ELASTIC\n{ball.young_modulus},{ball.poisson_ratio}',
+        f'*MATERIAL,NAME=STIFF\n*ELASTIC\n{1e4 * ball.young_modulus},0.3',
+        '*SOLID SECTION,ELSET=WALL,MATERIAL=WALL',
+        '*SOLID SECTION,ELSET=PLATE,MATERIAL=STIFF',
+        '*SURFACE,NAME=OUTER\n' + '\n'.join(f'{k},S3' for k in outer),
+        '*SURFACE,NAME=FACE\n' + '\n'.join(f'{start + i},S1' for i in range(PLATE_ELEMENTS)),
+        '*SURFACE INTERACTION,NAME=TOUCH\n*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR',
+        f'{CONTACT_STIFFNESS},0.',
+        '*CONTACT PAIR,INTERACTION=TOUCH,TYPE=SURFACE TO SURFACE\nOUTER,FACE',
+        '*BOUNDARY\nPLATE,1,1',
+        *(f'{node},2,2' for node in equator),
+        *(f'{node},1,1' for node in axis),
+    ]
+    for depth in depths:
+        parts += [
+            '*STEP,NLGEOM,INC=200\n*STATIC\n0.5,1.0,1e-4',
+            f'*BOUNDARY\nPLATE,2,2,{-depth:.12g}',
+            '*NODE PRINT,NSET=PLATE\nRF\n*END STEP',
+        ]
+    return '\n'.join(parts) + '\n'
+
+
+def solve(ball: Squeezed, depths: np.ndarray) -> list[float]:
+    """Force on one plate (N) at each depth of it (mm)."""
+    tables = calculix.run(deck(ball, depths), 'plates')
+    found = []
+    for step in range(1, len(depths) + 1):
+        table = tables[min(tables, key=lambda time: abs(time - step))]
+        reaction = next(rows for (what, _), rows in table.items() if what.startswith('forces'))
+        found.append(-WEDGES * float(sum(row[1] for row in reaction.values())))
+    return found
+
+
+def main() -> None:
+    """Solve and keep."""
+    ball = Squeezed()
+    depths = ball.thickness * np.array([0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5])
+    forces = solve(ball, depths)
+    kept = {
+        'what': 'hollow sphere between two rigid flat plates without friction; depth of one plate',
+        'source': f'CalculiX CrunchiX {calculix.solver_version()}, CAX8R, contact, NLGEOM',
+        'middle_radius_m': 1e-3 * ball.radius,
+        'thickness_m': 1e-3 * ball.thickness,
+        'young_modulus_pa': 1e6 * ball.young_modulus,
+        'poisson_ratio': ball.poisson_ratio,
+        'depth_m': (1e-3 * depths).round(9).tolist(),
+        'force_n': [round(force, 6) for force in forces],
+    }
+    KEPT.write_text(json.dumps(kept, indent=1) + '\n')
+
+
+if __name__ == '__main__':
+    main()

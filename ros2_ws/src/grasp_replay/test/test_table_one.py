@@ -162,7 +162,7 @@ def test_the_page_shows_every_point_and_says_where_it_has_no_number(tmp_path):
     for letter in 'abefgh':
         assert f'({letter})' in text
     assert 'no verdict is drawn' in text
-    assert '2.00\u00a0(-10.0\u00a0%)' in text
+    assert '2.00&nbsp;(-10.0\u00a0%)' in text
     assert '-0.10 %' in text
     assert '(not converged)' in text
     assert 'src=' not in text and 'href="http' not in text

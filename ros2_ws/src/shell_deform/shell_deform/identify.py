@@ -35,6 +35,8 @@ Array = NDArray[np.float64]
 
 # Two-sided 90 % of a normal distribution.
 NINETY_PERCENT = 1.6448536269514722
+# Fits are repeated until the modulus that the weights were made for is within that share.
+SLOPE_TOLERANCE, PASSES = 0.1, 4
 # A parameter is told apart when its relative sigma is below this.
 SEPARABLE_SIGMA = 0.25
 
@@ -148,8 +150,7 @@ def identify(
     if pressure and len(data.force) < 2:
         raise IdentificationError('one row fixes one parameter; give two rows for the pressure')
     young, gauge = start or (shell_object.young_modulus_pa, shell_object.gas.gauge_pressure_pa)
-    slope = _slope(curve, data, young, gauge)
-    sigma = np.hypot(data.sigma_force, slope * data.sigma_displacement)
+    known_gauge = gauge
     scale = max(shell_object.gas.ambient_pa, 1.0)
     wanted = 2 if pressure else 1
     # measured = (1 + gain) model + zero; both have a prior of width one in these units
@@ -160,12 +161,12 @@ def identify(
 
     def model_force(parameters: Array) -> tuple[Array, Array]:
         e = float(np.exp(parameters[0]))
-        p = float(parameters[1]) * scale if pressure else gauge
+        p = float(parameters[1]) * scale if pressure else known_gauge
         if (e, p) not in known:
             known[e, p] = curve.force(data.displacement, e, p)
         return known[e, p], parameters[wanted:]
 
-    def residual(parameters: Array) -> Array:
+    def residual(parameters: Array, sigma: Array) -> Array:
         force, nuisance = model_force(parameters)
         zero, gain = _shared(nuisance, shared)
         expected = force * (1.0 + gain * data.sigma_gain) + zero * data.sigma_zero
@@ -174,9 +175,18 @@ def identify(
     first = [np.log(young)] + [gauge / scale] * pressure + [0.0] * priors
     low = [-np.inf] + [-0.5] * pressure + [-np.inf] * priors
     high = [np.inf] + [10.0] * pressure + [np.inf] * priors
-    fit = least_squares(
-        residual, first, diff_step=1e-4, xtol=1e-8, ftol=1e-10, x_scale='jac', bounds=(low, high)
-    )
+    for _ in range(PASSES):
+        # what an error of the displacement means in force grows with the modulus
+        slope = _slope(curve, data, young, gauge)
+        sigma = np.hypot(data.sigma_force, slope * data.sigma_displacement)
+        fit = least_squares(
+            residual, first, diff_step=1e-4, xtol=1e-8, ftol=1e-10, x_scale='jac',
+            bounds=(low, high), args=(sigma,),
+        )  # fmt: skip
+        before, young = young, float(np.exp(fit.x[0]))
+        gauge, first = float(fit.x[1]) * scale if pressure else gauge, fit.x
+        if abs(np.log(young / before)) < SLOPE_TOLERANCE:
+            break
     covariance = np.linalg.pinv(fit.jac.T @ fit.jac)[:wanted, :wanted]
     free = max(1, len(data.force) - wanted)
     deviation = np.sqrt(np.diag(covariance))
@@ -260,7 +270,8 @@ def _statement(
         'Modulus and thickness are not separable by forces and displacements: with another '
         f'thickness h the same curve gives about E times '
         f'({shell_object.thickness_m * 1e3:g} mm / h)^2.5: what is fixed is E h^2.5.',
-        f'A thin-shell fit of a solid wall gives E low by up to {100 * excess:.0f} % at this '
+        f'A thin-shell fit of a solid wall gives E low by up to '
+        f'{100 * excess / (1.0 + excess):.0f} % at this '
         'thickness over radius; it is the right modulus for predictions by this model, the '
         'solid modulus is that of the material.',
     ]

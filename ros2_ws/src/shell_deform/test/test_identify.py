@@ -1,13 +1,15 @@
 """What force and displacement say about a shell, and what they cannot."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from shell_deform.commands import shell_identify
+from shell_deform.force_curve import ForceCurve
 from shell_deform.identify import (
-    ForceCurve,
     IdentificationError,
     SqueezeData,
     cross_validate,
@@ -18,6 +20,9 @@ from shell_deform.identify import (
 from shell_deform.objects import load_object
 
 PUBLISHED = np.array([[10.631, 2.56e-3], [16.503, 6.05e-3], [20.373, 9.12e-3], [21.485, 10.27e-3]])
+SOLID = Path(__file__).parents[4] / 'bags' / 'solid' / 'ball_two_finger.json'
+COUNT_N = 0.2
+"""One count of the 8-bit gauge at 50 mm."""
 
 
 @pytest.fixture(scope='module')
@@ -30,11 +35,44 @@ def curve(ball):
     return ForceCurve(ball, control_vertices=350)
 
 
+class SplineCurve:
+    """The curve of a ball without gas, solved once: many noisy squeezes need many depths."""
+
+    def __init__(self, curve, deepest):
+        self.shell_object = curve.shell_object
+        self.thickness_over_radius = curve.thickness_over_radius
+        self._own = curve.shell_object.young_modulus_pa
+        depth = np.concatenate([[0.0], np.geomspace(1e-4, 1.05 * deepest, 28)])
+        force = np.concatenate([[0.0], curve.force(depth[1:], self._own)])
+        self._spline = CubicSpline(depth, force)
+
+    def force(self, displacement, young, gauge=0.0):
+        return young / self._own * self._spline(displacement)
+
+
+def noisy(curve, young, generator, rows=30, deepest=8e-3):
+    """A squeeze seen by 8-bit gauges: their zero, its drift, gain, noise and whole counts."""
+    depth = np.linspace(5e-4, deepest, rows)
+    zero, gain = 0.1 * generator.normal(), 1.0 + 0.01 * generator.normal()
+    drift = 0.01 * np.cumsum(generator.normal(size=rows))
+    force = gain * curve.force(depth, young) + zero + drift + 0.1 * generator.normal(size=rows)
+    counted = COUNT_N * np.round(force / COUNT_N)
+    sigma = np.hypot(0.1, COUNT_N / np.sqrt(12.0))
+    return SqueezeData(
+        counted,
+        depth + 2e-5 * generator.normal(size=rows),
+        np.full(rows, sigma),
+        np.full(rows, 2e-5),
+        sigma_zero=0.12,
+        sigma_gain=0.01,
+    )
+
+
 def test_the_first_published_row_gives_the_modulus_of_the_shipped_ball(curve):
     data = squeeze_data(PUBLISHED[:1], 0.1, 0.127e-3)
     found = identify(curve, data)
     assert found.values[0] == pytest.approx(12.75e6, rel=0.01)
-    # the scanner's 0.127 mm alone moves the modulus by about 4 %
+    # the scanner's 0.127 mm alone moves the modulus by about 3 %
     assert found.sigma[0] / found.values[0] == pytest.approx(0.03, abs=0.015)
 
 
@@ -49,27 +87,59 @@ def test_force_grows_with_modulus_times_thickness_to_two_and_a_half(ball):
     )
 
 
-def test_true_modulus_lies_in_the_stated_interval_about_nine_times_in_ten():
-    curve = ForceCurve(load_object('tennis_ball_as_printed'), control_vertices=350)
-    generator = np.random.default_rng(5)
-    depth = np.linspace(1e-3, 8e-3, 8)
-    truth = curve.force(depth, 11e6)
-    inside = 0
-    for _ in range(100):
-        noisy = truth + 0.15 * generator.normal(size=len(depth))
-        data = SqueezeData(noisy, depth, np.full(8, 0.15), np.full(8, 1e-6))
-        low, high = identify(curve, data).interval('young_modulus_pa')
-        inside += low <= 11e6 <= high
-    assert 85 <= inside <= 95
+@pytest.fixture(scope='module')
+def airless():
+    printed = load_object('tennis_ball_as_printed')
+    return SplineCurve(ForceCurve(printed, control_vertices=350), 8e-3)
 
 
-def test_pressure_of_a_blown_ball_is_recovered(curve):
-    depth = np.array([1e-3, 3e-3, 6e-3, 9e-3])
-    truth = curve.force(depth, 9e6, 20e3)
-    data = SqueezeData(truth, depth, np.full(4, 0.05), np.full(4, 1e-6))
-    found = identify(curve, data, pressure=True)
-    assert found.values[1] == pytest.approx(20e3, rel=0.02)
-    assert found.values[0] == pytest.approx(9e6, rel=0.01)
+def test_eight_bit_gauges_that_drift_give_the_modulus_and_an_honest_interval(airless):
+    truth, inside, errors = 11e6, 0, []
+    for seed in range(200):
+        found = identify(airless, noisy(airless, truth, np.random.default_rng(seed)))
+        low, high = found.interval('young_modulus_pa')
+        inside += low <= truth <= high
+        errors.append(found.values[0] / truth - 1.0)
+        assert found.stiffness_product == pytest.approx(found.values[0] * 0.0025**2.5)
+    assert np.abs(errors).max() < 0.05
+    assert 170 <= inside <= 190
+
+
+def test_a_shared_gain_does_not_average_out(airless):
+    depth = np.linspace(1e-3, 8e-3, 40)
+    force = airless.force(depth, 12e6)
+    alone = SqueezeData(force, depth, np.full(40, 0.1), np.full(40, 1e-6))
+    shared = SqueezeData(force, depth, np.full(40, 0.1), np.full(40, 1e-6), 0.0, 0.01)
+    assert identify(airless, alone).sigma[0] < 0.003 * 12e6
+    assert identify(airless, shared).sigma[0] == pytest.approx(0.01 * 12e6, rel=0.1)
+
+
+def test_on_a_solid_the_bias_is_a_term_of_the_model(curve):
+    # Finite-element solid of 14.196 MPa: the thin shell needs less, and says by how much.
+    solid = json.loads(SOLID.read_text())
+    levels = [level for level in solid['levels'] if 1e-3 < level['middle_displacement_m'] < 9e-3][
+        ::3
+    ]
+    table = np.array([[level['force_n'], level['middle_displacement_m']] for level in levels])
+    found = identify(curve, squeeze_data(table, 0.05, 1e-5))
+    truth = solid['young_modulus_pa']
+    assert 0.90 < found.values[0] / truth < 0.99
+    low, high = found.interval('solid_modulus_pa')
+    assert low < truth < high
+    assert found.solid_modulus == pytest.approx(truth, rel=0.05)
+    assert 'E low by up to 10 %' in ' '.join(found.statement)
+
+
+@pytest.mark.parametrize('gauge', [0.2e5, 0.8e5])
+def test_pressure_of_a_blown_ball_is_recovered_by_eight_bit_gauges(curve, gauge):
+    depth = np.array([0.7e-3, 1.5e-3, 3e-3, 5e-3, 7e-3, 9e-3])
+    generator = np.random.default_rng(3)
+    force = curve.force(depth, 9e6, gauge) + 0.1 * generator.normal(size=6)
+    force = COUNT_N * np.round(force / COUNT_N)
+    data = SqueezeData(force, depth, np.full(6, 0.11), np.full(6, 2e-5))
+    found = identify(curve, data, pressure=True, start=(12e6, 5e4))
+    assert found.values[1] == pytest.approx(gauge, rel=0.1)
+    assert found.values[0] == pytest.approx(9e6, rel=0.1)
 
 
 def test_two_unknowns_from_one_row_are_refused(curve):
@@ -77,9 +147,25 @@ def test_two_unknowns_from_one_row_are_refused(curve):
         identify(curve, squeeze_data(PUBLISHED[:1], 0.1, 1e-4), pressure=True)
 
 
-def test_a_row_that_is_not_a_number_is_named():
-    with pytest.raises(IdentificationError, match='row 2'):
-        squeeze_data(np.array([[1.0, 1e-3], [np.nan, 2e-3]]), 0.1, 1e-4)
+@pytest.mark.parametrize(
+    ('table', 'message'),
+    [
+        ([[1.0, 1e-3], [np.nan, 2e-3]], 'force of row 2'),
+        ([[1.0, 1e-3, 0.0]], 'sigma_force of row 1 is 0'),
+        ([[1.0, -1e-3]], 'only squeezed states'),
+        ([[1.0]], 'the table has 1 columns'),
+    ],
+)
+def test_a_row_that_cannot_be_used_is_named(table, message):
+    with pytest.raises(IdentificationError, match=message):
+        squeeze_data(np.array(table), 0.1, 1e-4)
+
+
+def test_force_and_displacement_of_a_curve_are_inverse(curve):
+    depth = np.array([5e-3, 2e-3])
+    force = curve.force(depth, 10e6, 5e3)
+    np.testing.assert_allclose(curve.displacement(force, 10e6, 5e3), depth, rtol=1e-5)
+    assert curve.modulus(float(force[0]), 5e-3, 5e3) == pytest.approx(10e6, rel=1e-4)
 
 
 def test_command_prints_what_it_found(tmp_path, capsys):
@@ -89,8 +175,26 @@ def test_command_prints_what_it_found(tmp_path, capsys):
     assert shell_identify.main(command) == 0
     result = json.loads(capsys.readouterr().out)
     assert result['parameters']['young_modulus_pa']['value'] == pytest.approx(13e6, rel=0.05)
+    assert result['solid_modulus_pa']['value'] > result['parameters']['young_modulus_pa']['value']
     assert result['thickness_exponent'] == pytest.approx(2.5, abs=0.1)
     assert plot.read_bytes().startswith(b'\x89PNG')
+
+
+@pytest.mark.parametrize(
+    ('content', 'message'),
+    [
+        ('', 'holds no numbers'),
+        ('force_n,displacement_m\n', 'holds no numbers'),
+        ('force_n,displacement_m\n1,2,3\n4,5\n', 'columns'),
+        ('1.0,abc\n', 'row 1'),
+    ],
+)
+def test_a_table_that_cannot_be_read_is_one_sentence(tmp_path, capsys, content, message):
+    path = tmp_path / 'squeeze.csv'
+    path.write_text(content)
+    assert shell_identify.main([str(path), '--object', 'tennis_ball']) == 1
+    error = capsys.readouterr().err
+    assert message in error and error.count('\n') == 1
 
 
 def test_a_missing_file_is_one_sentence(capsys):

@@ -24,11 +24,13 @@ from visualization_msgs.msg import Marker
 from shell_deform import messages, parameters
 from shell_deform.live.estimator import Estimator, Served
 from shell_deform.live.health import Latencies, StampWatch
+from shell_deform.live.modulus import ModulusFilter
 from shell_deform.live.pose import Pose, PoseError, pose_of
 from shell_deform.live.sample import SampleError, check
 from shell_deform.live.serve_kernel import NONLINEAR_FIELDS
 from shell_deform.live.states import LiveState, Watch
 from shell_deform.live.worker_link import Build, WorkerError, WorkerLink, empty_request
+from shell_deform.objects import load_object
 
 CONTACTS_DEPTH = 500
 # Answers a slow listener may fall behind before one is overwritten.
@@ -62,6 +64,7 @@ class DeformationNode(Node):
         self.add_post_set_parameters_callback(self._apply)
 
         self.estimator: Estimator | None = None
+        self.modulus: ModulusFilter | None = None
         self.watch = Watch()
         self.stamps = StampWatch()
         self.ticks = Latencies()
@@ -91,6 +94,10 @@ class DeformationNode(Node):
         self._scalars = {
             name: self.create_publisher(Float64, f'deformation/{name}', reliable)
             for name in SCALARS
+        }
+        self._modulus = {
+            name: self.create_publisher(Float64, f'deformation/{name}', reliable)
+            for name in ('modulus', 'modulus_sigma')
         }
         self._mesh = self.create_publisher(Mesh, 'deformation/mesh', latched)
         self._marker = self.create_publisher(Marker, 'deformation/marker', latched)
@@ -139,6 +146,9 @@ class DeformationNode(Node):
         self._parameter_pose = (
             pose_of(list(values['object_pose'])) if values['placement'] == 'given' else None
         )
+        if self.modulus is not None:
+            self.modulus.errors = self._settings.errors
+        self._learns = bool(values['estimate_modulus'])
         self._given_frame = str(values['frame'])
         self._marker_rate = float(values['marker_rate'])
         if hasattr(self, '_marker_timer') and self._marker_rate > 0:
@@ -204,6 +214,18 @@ class DeformationNode(Node):
             if packed is not None and estimator.adopted is not None:
                 stamp = estimator.adopted.stamp
                 self._publish('nonlinear', packed, stamp)
+        if self._learns and self.modulus is not None:
+            self._learn(estimator, self.modulus)
+
+    def _learn(self, estimator: Estimator, modulus: ModulusFilter) -> None:
+        """Young's modulus from this sample, published when the sample said something."""
+        adopted, posterior, measured = estimator.adopted, estimator.posterior, estimator.measured
+        if adopted is None or posterior is None or measured is None:
+            modulus.release()
+        elif modulus.update(adopted.response, posterior.inputs, measured):
+            found = modulus.estimate
+            self._modulus['modulus'].publish(messages.number(found.value))
+            self._modulus['modulus_sigma'].publish(messages.number(found.sigma))
 
     @property
     def _given_pose(self) -> Pose | None:
@@ -257,6 +279,8 @@ class DeformationNode(Node):
             # The same shell again after a restart: its last good state is still the best known.
             self.estimator.adopted = previous.adopted
             return
+        young = load_object(self.get_parameter('object').value).young_modulus_pa
+        self.modulus = ModulusFilter(young, self._settings.errors)
         self._writer = messages.SurfaceWriter(len(memory.rest))
         self._nonlinear_writer = messages.SurfaceWriter(len(memory.rest), NONLINEAR_FIELDS)
         self._publish_mesh()
@@ -343,6 +367,10 @@ class DeformationNode(Node):
             values['suspect'] = served.suspect
             values['unbalanced force [N]'] = estimator.unbalance if estimator is not None else 0.0
             values['snap margin'] = served.snap_margin
+        if self._learns and self.modulus is not None:
+            found = self.modulus.estimate
+            values["Young's modulus [Pa]"] = found.value
+            values["Young's modulus, sigma [Pa]"] = found.sigma
         if self.failure:
             return 'error', self.failure, values
         if state is LiveState.FAULT:

@@ -68,6 +68,12 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter('outside_force_sigma', 0.3, 'forces beside the fingers, weight (N)', 1e-3, 100.0),
     Parameter('modulus_sigma', 0.05, "relative sigma of Young's modulus (-)", 0.0, 1.0),
     Parameter('model_sigma', 0.03, 'relative stiffness bias of shell theory (-)', 0.0, 1.0),
+    Parameter(
+        'estimate_modulus',
+        True,
+        "learn Young's modulus from force and travel of a squeeze: deformation/modulus (Pa) and "
+        'deformation/modulus_sigma (Pa); the served surface keeps the modulus of the object file',
+    ),
     Parameter('stale_periods', 3.0, 'silence that is STALE (sample periods)', 1.0, 100.0),
     Parameter('stale_floor', 0.02, 'but no shorter than this (s)', 0.0, 10.0),
     Parameter('marker_rate', 2.0, 'highest rate of deformation/marker (Hz), 0: never', 0.0, 10.0),

@@ -141,6 +141,7 @@ class Estimator:
         self.pose: Pose | None = None
         self.adopted: Adopted | None = None
         self.posterior: Posterior | None = None
+        self.measured: Measured | None = None
         self.sample: ContactSample | None = None
         n = len(rest)
         self._packed = np.zeros((n, len(FIELDS)), dtype=np.float32)
@@ -185,7 +186,7 @@ class Estimator:
         response = adopted.response
         measured = self._measured(adopted, merged)
         posterior = fuse(self.settings.errors, response, measured)
-        self.posterior = posterior
+        self.posterior, self.measured = posterior, measured
         k = len(adopted.fingers)
         inputs = posterior.inputs
         moved = response.displacement_by @ inputs
@@ -322,7 +323,7 @@ class Estimator:
 
     def _serve_rest(self, sample: ContactSample) -> Served:
         """Nothing presses, or nothing is known of what presses."""
-        self.posterior = None
+        self.posterior = self.measured = None
         unknown = tuple(sample.finger.tolist())
         doubt = _doubt(sample, unknown)
         self._pack_rest(self._packed, doubt)

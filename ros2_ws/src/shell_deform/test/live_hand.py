@@ -164,7 +164,8 @@ class Observer:
         listen(PointCloud2, 'deformation/nonlinear', self.nonlinear.append, many)
         listen(String, 'deformation/state', lambda m: self.states.append(m.data), latched)
         listen(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
-        for name in ('linearity', 'contradiction', 'max_displacement', 'nonlinear_age'):
+        scalars = ('linearity', 'contradiction', 'max_displacement', 'nonlinear_age')
+        for name in (*scalars, 'modulus', 'modulus_sigma'):
             listen(Float64, f'deformation/{name}', self._keeper(name), many)
 
     def _keeper(self, name):

@@ -20,6 +20,8 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from shell_deform import parameters
+from shell_deform.force_curve import ForceCurve
+from shell_deform.objects import load_object
 
 STEP = 10_000_000
 PATIENCE = 60.0
@@ -131,6 +133,26 @@ def test_linear_and_nonlinear_answers_part_at_large_dents(node, hand):
     hand.stream(squeezed(6e-3, 18.0), settled(hand, 6e-3))
     hand.stream(squeezed(6e-3, 18.0), lambda: hand.numbers.get('linearity', 0.0) > 0.2)
     assert largest(hand.linear[-1]) < 0.8 * largest(hand.nonlinear[-1])
+
+
+def test_a_growing_squeeze_tells_the_modulus_with_its_sigma(node, hand):
+    ball = load_object('tennis_ball')
+    depth = np.linspace(3e-4, 5e-3, 60)
+    force = ForceCurve(ball, 1e-3, control_vertices=250).force(depth, ball.young_modulus_pa)
+
+    def make(i):
+        at = min(i // 4, len(depth) - 1)
+        return live_hand.opposed([force[at]] * 2, [depth[at]] * 2, stamp=(4000 + i) * STEP)
+
+    hand.stream(
+        make,
+        lambda: (
+            'modulus_sigma' in hand.numbers
+            and hand.numbers['modulus_sigma'] < 0.1 * ball.young_modulus_pa
+        ),
+        rate=50.0,
+    )
+    assert hand.numbers['modulus'] == pytest.approx(ball.young_modulus_pa, rel=0.2)
 
 
 def test_silence_is_stale_and_nothing_is_served_meanwhile(node, hand):

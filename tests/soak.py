@@ -24,6 +24,13 @@ CHECKS: dict[str, tuple[str, tuple[str, ...]]] = {
         'ten-minute cycles of both hands, 200 seeds',
         ('tests/benchmarks/hand.py', '--seconds', '600', '--seeds', '200'),
     ),
+    'live': (
+        'five 60 s latency runs, ten minutes of replay through the deformation node',
+        (
+            'tests/benchmarks/live_node.py',
+            *('--seconds', '60', '--runs', '5', '--replay-seconds', '600'),
+        ),
+    ),
     'scan': ('10^6 mutations of scan files', ('tests/benchmarks/scan.py', '--long')),
     'bags': ('10^5 mutations, a 1 GB bag', ('tests/benchmarks/bags.py', '--long')),
 }

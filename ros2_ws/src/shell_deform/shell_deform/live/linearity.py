@@ -13,12 +13,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.live.condensed import CondensedSystem, ContactRows
-from shell_deform.model import ShellModel
+if TYPE_CHECKING:
+    # The tick needs none of the solver: its process stays small.
+    from shell_deform.live.condensed import CondensedSystem, ContactRows
+    from shell_deform.model import ShellModel
 
 Array = NDArray[np.float64]
 

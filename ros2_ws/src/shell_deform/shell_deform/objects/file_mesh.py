@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
 from ..surface.control_mesh import ControlMesh, MeshError, control_mesh
 from ..surface.limit import LimitSurface
@@ -29,6 +28,9 @@ def read_triangles(
     Raises:
         ObjectError: the file cannot be read or holds no triangle.
     """
+    # Fifteen megabytes that only mesh files need, in every node's memory if imported above.
+    import trimesh
+
     try:
         mesh = trimesh.load(path, force='mesh', process=False)
     except Exception as error:

@@ -14,8 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
 from tests.chromium import chromium, installed, new_tab
 
+# A busy machine must not fail an example for its time.
+settings.register_profile('untimed', deadline=None)
+settings.load_profile('untimed')
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):

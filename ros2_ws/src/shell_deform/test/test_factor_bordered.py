@@ -13,7 +13,7 @@ from shell_deform.solve.factor import (
     analyse,
     factorise,
 )
-from shell_deform.solve.factor_bordered import BorderedFactor, UpdatedFactor
+from shell_deform.solve.factor_bordered import BorderedFactor
 
 sys.path.insert(0, str(Path(__file__).parent))
 from factor_matrices import (  # noqa: E402
@@ -40,6 +40,10 @@ def signs(matrix):
     return Inertia(
         int(np.sum((values > 0) & ~zero)), int(np.sum((values < 0) & ~zero)), int(np.sum(zero))
     )
+
+
+def updated_factor(factor, vectors, coefficients):
+    return BorderedFactor(factor, update_vectors=vectors, update_coefficients=coefficients)
 
 
 def random(*shape):
@@ -109,9 +113,9 @@ def test_a_rank_one_update_equals_the_dense_sum(sphere, strength, method):
     matrix = shifted(free, -0.3)
     vector = random(matrix.shape[0])
     dense = matrix.toarray() + strength * np.outer(vector, vector)
-    updated = UpdatedFactor(factorise(symbolic, matrix, method=method), vector, strength)
+    updated = updated_factor(factorise(symbolic, matrix, method=method), vector, strength)
     load = random(len(vector))
-    x = updated.solve(load)
+    x = updated.solve(load)[0]
     error = np.max(np.abs(dense @ x - load))
     assert error < 1e-12 * (np.max(np.abs(dense)) * np.max(np.abs(x)) + np.max(np.abs(load)))
     assert updated.inertia == signs(dense)
@@ -123,18 +127,18 @@ def test_a_negative_update_can_make_the_matrix_unstable(sphere):
     vector = random(matrix.shape[0])
     factor = factorise(symbolic, matrix)
     critical = -1.0 / (vector @ factor.solve(vector))
-    assert UpdatedFactor(factor, vector, 0.99 * critical).inertia.negative == 0
-    assert UpdatedFactor(factor, vector, 1.01 * critical).inertia.negative == 1
-    assert UpdatedFactor(factor, vector, 0.0).inertia == factor.inertia
+    assert updated_factor(factor, vector, 0.99 * critical).inertia.negative == 0
+    assert updated_factor(factor, vector, 1.01 * critical).inertia.negative == 1
+    assert updated_factor(factor, vector, 0.0).inertia == factor.inertia
 
 
 def test_springs_on_the_rigid_modes_make_a_free_body_regular(sphere):
     vertices, free, symbolic = sphere
     modes = rigid_modes(vertices)
-    updated = UpdatedFactor(factorise(symbolic, free), modes, np.full(6, 0.5))
+    updated = updated_factor(factorise(symbolic, free), modes, np.full(6, 0.5))
     load = random(len(modes))
     dense = free.toarray() + 0.5 * modes @ modes.T
-    assert np.allclose(updated.solve(load), np.linalg.solve(dense, load), rtol=1e-9)
+    assert np.allclose(updated.solve(load)[0], np.linalg.solve(dense, load), rtol=1e-9)
     assert updated.inertia == Inertia(len(modes), 0, 0)
 
 
@@ -163,6 +167,25 @@ def test_shapes_that_do_not_fit_are_refused(sphere):
     with pytest.raises(FactorError, match='corner'):
         BorderedFactor(factor, np.ones(factor.size), np.eye(2))
     with pytest.raises(FactorError, match='update coefficients'):
-        UpdatedFactor(factor, np.ones(factor.size), [1.0, 2.0])
+        updated_factor(factor, np.ones(factor.size), [1.0, 2.0])
     with pytest.raises(FactorError, match='border right-hand side'):
         BorderedFactor(factor, np.ones(factor.size)).solve(np.ones(factor.size), [1.0, 2.0])
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_what_is_measured_need_not_be_what_is_pushed(sphere, method):
+    _, free, symbolic = sphere
+    matrix = shifted(free, -0.3)
+    size = matrix.shape[0]
+    pushes, measures = random(size, 3), random(size, 3) + 1.0
+    dense = np.block([[matrix.toarray(), pushes], [measures.T, np.zeros((3, 3))]])
+    factor = factorise(symbolic, matrix, method=method)
+    bordered = BorderedFactor(factor, pushes, measures=measures)
+    f, g = random(size), random(3)
+    x, m = bordered.solve(f, g)
+    expected = np.linalg.solve(dense, np.concatenate([f, g]))
+    np.testing.assert_allclose(np.concatenate([x, m]), expected, rtol=1e-7, atol=1e-9)
+    with pytest.raises(FactorError, match='not symmetric'):
+        _ = bordered.inertia
+    with pytest.raises(FactorError, match='2 measures for 3 borders'):
+        BorderedFactor(factor, pushes, measures=measures[:, :2])

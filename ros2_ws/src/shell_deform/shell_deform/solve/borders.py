@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from shell_deform.model import ShellModel, Tangent
+from shell_deform.model import ShellModel, Tangent, diagonal_entry
 from shell_deform.pads import PadField, pad_field
-from shell_deform.solve.bordered import BorderedSystem
 from shell_deform.solve.equilibrium import LoadCase
 from shell_deform.solve.factor_base import Factor
+from shell_deform.solve.factor_bordered import BorderedFactor
 from shell_deform.supports import free_rigid_modes
 
 Array = NDArray[np.float64]
+
+# Stiffness of motions that only a touching pad prevents, over that of one dof: a tangent needs
+# some before the pad touches; no residual contains it.
+LOOSE_STIFFNESS = 1e-6
 
 
 @dataclass(frozen=True)
@@ -86,13 +92,49 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
     )
 
 
-def negative_directions(
-    system: BorderedSystem, factor: Factor, edge: Borders, tangent: Tangent
-) -> int:
+def bordered(
+    model: ShellModel,
+    tangent: Tangent,
+    edge: Borders,
+    factorise: Callable[[sp.csr_matrix], Factor],
+) -> BorderedFactor:
+    """The system of a tangent: stiffness, and as borders unknown pushes and what is held.
+
+    Low-rank updates carry what is dense (sealed gas, pads under given force), what makes the
+    tangent regular before a pad touches, and take back exactly the springs with which a free body
+    is factorised.
+    """
+    matrix = model.shell.pattern.matrix(tangent.stiffness.data.copy())
+    springs = model.springs
+    diagonal = matrix.diagonal()
+    stiff = float(np.median(diagonal[diagonal > 0])) if len(springs) else 1.0
+    for dof in springs:
+        matrix.data[diagonal_entry(matrix, int(dof))] += stiff
+    pins = np.zeros((len(tangent.gradient), len(springs)))
+    pins[springs, np.arange(len(springs))] = 1.0
+    updates = [pins, tangent.gas_row[:, None], edge.loose]
+    strengths = [
+        np.full(len(springs), -stiff),
+        np.array([tangent.gas_stiffness]),
+        np.full(edge.loose.shape[1], LOOSE_STIFFNESS * stiff),
+    ]
+    if tangent.pad_rows is not None and tangent.pad_corner is not None:
+        updates.append(tangent.pad_rows)
+        strengths.append(-1.0 / tangent.pad_corner)
+    columns = np.concatenate([-edge.unknown_pushes, edge.held], axis=1)
+    rows = np.concatenate([edge.measure[:, edge.driven], edge.held], axis=1)
+    return BorderedFactor(
+        factorise(matrix),
+        columns,
+        update_vectors=np.concatenate(updates, axis=1),
+        update_coefficients=np.concatenate(strengths),
+        measures=None if np.array_equal(rows, columns) else rows,
+    )
+
+
+def negative_directions(system: BorderedFactor, edge: Borders) -> int:
     """Negative directions of a factorised system with symmetric borders."""
-    negative = factor.inertia.negative + int(np.sum(np.linalg.eigvalsh(system.schur) < 0))
-    constraints = int(edge.driven.sum()) + edge.held.shape[1] + edge.loose.shape[1]
-    return negative - constraints - (1 if tangent.gas_stiffness else 0)
+    return system.inertia.negative - int(edge.driven.sum()) - edge.held.shape[1]
 
 
 def _independent(rows: Array) -> Array:

@@ -30,7 +30,7 @@ REFINEMENTS = 4
 
 
 class BorderedFactor:
-    """Factor of [[K + V diag(c) V^T, C], [C^T, D]] from the factor of K."""
+    """Factor of [[K + V diag(c) V^T, C], [M^T, D]] from the factor of K, M = C unless given."""
 
     def __init__(
         self,
@@ -39,8 +39,12 @@ class BorderedFactor:
         corner: ArrayLike | None = None,
         update_vectors: ArrayLike | None = None,
         update_coefficients: ArrayLike | None = None,
+        measures: ArrayLike | None = None,
     ) -> None:
         """Borders C (N, k), symmetric corner D (k, k), default 0; update V (N, u), c (u,).
+
+        `measures` M (N, k) are the lower borders where they differ: what is prescribed need not be
+        what the multipliers work on. Such a matrix has no inertia.
 
         Rows of C and V at unknowns that the factor holds at zero are ignored.
         Raises FactorError for shapes that do not fit.
@@ -62,7 +66,13 @@ class BorderedFactor:
         if inner.shape != (count, count) or not np.allclose(inner, inner.T, rtol=1e-12, atol=0.0):
             raise FactorError(f'corner: a symmetric ({count}, {count}) matrix is needed')
         self._count = count
+        lower = own if measures is None else _columns(measures, size, 'measures')
+        if lower.shape != own.shape:
+            raise FactorError(f'{lower.shape[1]} measures for {count} borders')
         self._columns = np.where(factor.free[:, None], np.hstack([own, updates]), 0.0)
+        self._rows = self._columns
+        if measures is not None:
+            self._rows = np.where(factor.free[:, None], np.hstack([lower, updates]), 0.0)
         total = self._columns.shape[1]
         self._corner = np.zeros((total, total))
         self._corner[:count, :count] = inner
@@ -70,24 +80,38 @@ class BorderedFactor:
         self._update_signs = Inertia(int(np.sum(strengths < 0.0)), int(np.sum(strengths > 0.0)), 0)
         self._response, along = factor.partial_solve(self._columns)
         small = np.block(
-            [[self._corner - self._columns.T @ self._response, along.T],
+            [[self._corner - self._rows.T @ self._response, self._rows.T @ factor.weak_modes],
              [along, factor.weak_matrix]]
         )  # fmt: skip
-        small = 0.5 * (small + small.T)
         self._set_small(small)
 
     def _set_small(self, small: NDArray[np.float64]) -> None:
-        """Eigenvalues of the small system after equilibration."""
+        """Eigenvalues of the small system after equilibration, singular values if unsymmetric."""
+        symmetric = self._rows is self._columns
+        if symmetric:
+            small = 0.5 * (small + small.T)
         scale = np.ones(len(small))
         for _ in range(4):
-            largest = np.max(np.abs(small) * np.outer(scale, scale), axis=1, initial=0.0)
+            both = np.maximum(np.abs(small), np.abs(small.T)) * np.outer(scale, scale)
+            largest = np.max(both, axis=1, initial=0.0)
             scale /= np.sqrt(np.where(largest > 0.0, largest, 1.0))
         self._scale = scale
-        self._values, self._vectors = np.linalg.eigh(small * np.outer(scale, scale))
+        scaled = small * np.outer(scale, scale)
+        if symmetric:
+            self._values, self._vectors = np.linalg.eigh(scaled)
+            self._left = self._vectors
+        else:
+            self._vectors, self._values, right = np.linalg.svd(scaled)
+            self._left = right.T
 
     @property
     def inertia(self) -> Inertia:
-        """Inertia of the whole bordered (and updated) matrix over the free unknowns."""
+        """Inertia of the whole bordered (and updated) matrix over the free unknowns.
+
+        Raises FactorError for borders with other measures: that matrix is not symmetric.
+        """
+        if self._rows is not self._columns:
+            raise FactorError('a bordered matrix with other measures is not symmetric')
         zero = np.abs(self._values) <= ZERO_EIGENVALUE
         return (
             self.factor.strong
@@ -127,9 +151,10 @@ class BorderedFactor:
                 raise FactorError(
                     f'border right-hand side of shape {np.shape(border_rhs)}, needed is {shape}'
                 ) from None
-        if np.any(np.abs(self._values) <= ZERO_EIGENVALUE):
+        zero = int(np.sum(np.abs(self._values) <= ZERO_EIGENVALUE))
+        if zero:
             raise SingularMatrixError(
-                f'the bordered matrix has {self.inertia.zero} zero eigenvalues: its borders do '
+                f'the bordered matrix has {zero} zero eigenvalues: its borders do '
                 'not hold every zero mode of the matrix; add a support or another border',
                 self.factor.weak_unknowns,
             )
@@ -152,8 +177,8 @@ class BorderedFactor:
         loaded = np.any(f, axis=0)
         if loaded.any():
             strong[:, loaded], along[:, loaded] = self.factor.partial_solve(f[:, loaded])
-        right = np.vstack([g - self._columns.T @ strong, along]) * self._scale[:, None]
-        small = self._vectors @ ((self._vectors.T @ right) / self._values[:, None])
+        right = np.vstack([g - self._rows.T @ strong, along]) * self._scale[:, None]
+        small = self._left @ ((self._vectors.T @ right) / self._values[:, None])
         small *= self._scale[:, None]
         m, weak = small[: len(g)], small[len(g) :]
         x = strong - self._response @ m + self.factor.weak_modes @ weak
@@ -169,33 +194,14 @@ class BorderedFactor:
         """Residuals of both rows and the larger one relative to its terms."""
         elastic = self.factor.matrix @ x
         rest = np.where(self.factor.free[:, None], f - elastic - self._columns @ m, 0.0)
-        border = g - self._columns.T @ x - self._corner @ m
+        border = g - self._rows.T @ x - self._corner @ m
         size = self.factor.norm * np.max(np.abs(x)) + np.max(np.abs(f)) + np.finfo(float).tiny
-        reach = np.abs(self._columns).T @ np.abs(x) + np.abs(self._corner) @ np.abs(m) + np.abs(g)
+        reach = np.abs(self._rows).T @ np.abs(x) + np.abs(self._corner) @ np.abs(m) + np.abs(g)
         error = max(
             float(np.max(np.abs(rest)) / size),
             float(np.max(np.abs(border) / np.where(reach > 0.0, reach, 1.0), initial=0.0)),
         )
         return rest, border, error
-
-
-class UpdatedFactor:
-    """Factor of K + V diag(c) V^T from the factor of K, with a factor's `solve` and `inertia`."""
-
-    def __init__(self, factor: Factor, vectors: ArrayLike, coefficients: ArrayLike) -> None:
-        """V (N, u) or (N,), c (u,) or a number; zero coefficients are left out."""
-        self._bordered = BorderedFactor(
-            factor, update_vectors=vectors, update_coefficients=coefficients
-        )
-
-    @property
-    def inertia(self) -> Inertia:
-        """Inertia of the updated matrix over the free unknowns."""
-        return self._bordered.inertia
-
-    def solve(self, rhs: ArrayLike) -> NDArray[np.float64]:
-        """x (N,) or (N, r) for the load f of the same shape, refined."""
-        return self._bordered.solve(rhs)[0]
 
 
 def _columns(values: ArrayLike | None, size: int, name: str) -> NDArray[np.float64]:

@@ -13,10 +13,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from shell_deform.model import ShellModel, Tangent, diagonal_entry
+from shell_deform.model import ShellModel, Tangent
 from shell_deform.pads import FIRST_STIFFNESS, LAST_STIFFNESS
-from shell_deform.solve.bordered import BorderedSystem
-from shell_deform.solve.borders import Borders, borders, negative_directions
+from shell_deform.solve.borders import Borders, bordered, borders, negative_directions
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, PathState
 from shell_deform.solve.factor import (
     Factor,
@@ -25,6 +24,7 @@ from shell_deform.solve.factor import (
     analyse,
     factorise,
 )
+from shell_deform.solve.factor_bordered import BorderedFactor
 from shell_deform.solve.prediction import StepLoads, control_of, predicted
 from shell_deform.theory import THEORIES
 
@@ -32,9 +32,6 @@ Array = NDArray[np.float64]
 
 # One linear solve leaves round-off of the stiffest support spring; a singular one leaves all.
 LINEAR_RESIDUAL = 1e-4
-# Stiffness of motions that only a touching pad prevents, over that of one dof: a tangent needs
-# some before the pad touches; no residual contains it.
-LOOSE_STIFFNESS = 1e-6
 # Passes in which pads press home, each at first so many times as stiff as the one before.
 MOST_PAD_PASSES, PAD_STIFFENING = 30, 4.0
 
@@ -74,7 +71,6 @@ class EquilibriumSolver:
         self.model = model
         self.options = options or NewtonOptions()
         self._symbolic: SymbolicFactor | None = None
-        self._linear_factor: Factor | None = None
         self._wall = float(model.shell.thickness.max())
 
     def rest(self) -> Equilibrium:
@@ -208,7 +204,7 @@ class EquilibriumSolver:
     def respond(self, state: Equilibrium, edge: Borders, loads: Array) -> Array:
         """Displacements (N, k) per unit of the loads (N, k), by the tangent at `state`."""
         system = self.system(self.model.tangent(state.positions), edge)
-        return system.solve(loads, np.zeros((system.schur.shape[0], loads.shape[1])))[0]
+        return system.solve(loads)[0]
 
     def factor(self, matrix: sp.csr_matrix) -> Factor:
         """Factorise a stiffness (springs added), reusing the symbolic analysis."""
@@ -245,50 +241,9 @@ class EquilibriumSolver:
             multipliers=np.zeros(edge.held.shape[1]),
         )
 
-    def system(self, tangent: Tangent, edge: Borders) -> BorderedSystem:
+    def system(self, tangent: Tangent, edge: Borders) -> BorderedFactor:
         """The factorised system of a tangent: sparse stiffness and all borders of a load case."""
-        return self.system_and_factor(tangent, edge)[0]
-
-    def system_and_factor(self, tangent: Tangent, edge: Borders) -> tuple[BorderedSystem, Factor]:
-        """Bordered system: unknown pushes, held rows, springs taken back, gas, forced pads."""
-        matrix = self.model.shell.pattern.matrix(tangent.stiffness.data.copy())
-        springs = self.model.springs
-        diagonal = matrix.diagonal()
-        stiff = float(np.median(diagonal[diagonal > 0])) if len(springs) else 1.0
-        for dof in springs:
-            matrix.data[diagonal_entry(matrix, int(dof))] += stiff
-        factor = self.factor(matrix)
-        size = matrix.shape[0]
-        columns = [-edge.unknown_pushes, edge.held]
-        rows = [edge.measure[:, edge.driven], edge.held]
-        corner = [np.zeros(columns[0].shape[1]), np.zeros(edge.held.shape[1])]
-        if len(springs):
-            pins = np.zeros((size, len(springs)))
-            pins[springs, np.arange(len(springs))] = 1.0
-            columns.append(pins)
-            rows.append(pins)
-            corner.append(np.full(len(springs), 1.0 / stiff))
-        if tangent.gas_stiffness:
-            gas = tangent.gas_row[:, None]
-            columns.append(gas)
-            rows.append(gas)
-            corner.append(np.array([-1.0 / tangent.gas_stiffness]))
-        if tangent.pad_rows is not None and tangent.pad_corner is not None:
-            columns.append(tangent.pad_rows)
-            rows.append(tangent.pad_rows)
-            corner.append(tangent.pad_corner)
-        if edge.loose.shape[1]:
-            columns.append(edge.loose)
-            rows.append(edge.loose)
-            corner.append(np.full(edge.loose.shape[1], -1.0 / (LOOSE_STIFFNESS * stiff)))
-        system = BorderedSystem(
-            factor,
-            matrix,
-            np.concatenate(columns, axis=1),
-            np.concatenate(rows, axis=1),
-            np.diag(np.concatenate(corner)),
-        )
-        return system, factor
+        return bordered(self.model, tangent, edge, self.factor)
 
     def step(
         self,
@@ -307,9 +262,9 @@ class EquilibriumSolver:
         fixed_push = edge.push[:, ~edge.driven] @ force[~edge.driven] + dead
         positions = here.positions if guess is None else guess
         free = (positions - model.rest).reshape(-1)
-        unknown, held = int(edge.driven.sum()), edge.held.shape[1]
+        unknown = int(edge.driven.sum())
         state = here
-        system: BorderedSystem | None = None
+        system: BorderedFactor | None = None
         previous = 1.0
         tangent = None
         iterations = factorisations = 0
@@ -335,9 +290,8 @@ class EquilibriumSolver:
                 except FactorError as error:
                     message = str(error)
                     break
-            below = np.zeros(system.schur.shape[0])
-            below[:unknown] = (moved - edge.measure.T @ free)[edge.driven]
-            below[unknown : unknown + held] = -edge.held.T @ free
+            lacking = (moved - edge.measure.T @ free)[edge.driven]
+            below = np.concatenate([lacking, -edge.held.T @ free])
             step, border = system.solve(fixed_push - gradient, below, refinements=1)
             iterations += 1
             if not np.all(np.isfinite(step)):
@@ -355,7 +309,7 @@ class EquilibriumSolver:
                 energy, gradient = energy + press.energy, gradient + press.gradient.reshape(-1)
             pushes = np.where(edge.driven, 0.0, force)
             pushes[edge.driven] = border[:unknown]
-            multipliers = border[unknown : unknown + held]
+            multipliers = border[unknown:]
             carried = edge.push @ pushes + dead
             noise = self._noise_force(free)
             loose = gradient - carried + edge.held @ multipliers
@@ -440,13 +394,12 @@ class EquilibriumSolver:
     def negative_modes(self, edge: Borders, state: Equilibrium) -> int:
         """Negative directions of the stiffness among motions the constraints allow.
 
-        Haynsworth: the inertia of the symmetric bordered matrix is that of the factorised part
-        plus that of its Schur complement; every independent constraint adds one negative and one
-        positive, gas one negative.
+        From the inertia of the symmetric bordered matrix: every independent constraint adds one
+        negative and one positive.
         """
         symmetric = replace(edge, measure=-edge.push)
         tangent = self.model.tangent(state.positions)
         if edge.pads is not None:
             press = edge.pads.press(state.positions, state.displacement, state.force)
             tangent = edge.pads.pressed(tangent, press)
-        return negative_directions(*self.system_and_factor(tangent, symmetric), symmetric, tangent)
+        return negative_directions(self.system(tangent, symmetric), symmetric)

@@ -78,20 +78,19 @@ def smallest_stiffness(
     """
     model = solver.model
     tangent = model.tangent(positions)
-    system, factor = solver.system_and_factor(tangent, edge)
+    system = solver.system(tangent, edge)
     weight = np.repeat(np.sqrt(surface_shares(model)), 3)
-    below = np.zeros(system.schur.shape[0])
 
     def flexibility(x: Array) -> Array:
-        return weight * system.solve(weight * x.reshape(-1), below, refinements=0)[0]
+        return weight * system.solve(weight * x.reshape(-1), refinements=0)[0]
 
     size = len(weight)
     operator = sla.LinearOperator((size, size), matvec=flexibility, dtype=np.float64)
     start = weight * np.cos(np.arange(1.0, size + 1.0))
     values, vectors = sla.eigsh(operator, k=1, which='LM', v0=start, tol=TOLERANCE)
     stiffness = 1.0 / float(values[0])
-    mode = stiffness * system.solve(weight * vectors[:, 0], below, refinements=0)[0]
-    return stiffness, mode.reshape(-1, 3), negative_directions(system, factor, edge, tangent)
+    mode = stiffness * system.solve(weight * vectors[:, 0], refinements=0)[0]
+    return stiffness, mode.reshape(-1, 3), negative_directions(system, edge)
 
 
 def surface_shares(model: ShellModel) -> Array:

@@ -37,6 +37,8 @@ SPREAD_TIMEOUT_S = 4.0
 STARTING_S = 0.2
 REFRESH_CYCLES = 25
 TEMPERATURE_CYCLES = 500
+# A slow adapter's answer is late, not lost: so much longer it is waited for before asking again.
+SLOW_S = 0.03
 # How long to wait for an answer each time that it is asked for again, and for the bus to be quiet.
 RETRIES_S = (0.1, 0.2, 0.7)
 QUIET_S = 0.003
@@ -206,6 +208,9 @@ class CanHand:
         stamp_ns = self._gather(cycle, self._late_s)
         if not cycle.complete():
             self.late()
+            late_ns = self._gather(cycle, SLOW_S)
+            stamp_ns = stamp_ns or late_ns
+        if not cycle.complete():
             stamp_ns = self._gather_again(cycle) or stamp_ns
         if not cycle.complete():
             missing = cycle.missing()

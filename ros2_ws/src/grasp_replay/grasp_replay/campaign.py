@@ -33,8 +33,8 @@ GRID_KEYS = ('young_modulus_pa', 'thickness_m', 'poisson_ratio', 'control_vertic
 class Task:
     """One bag with one choice of numbers.
 
-    `changes` are numbers of the object to replace; `young` as in `PipelineOptions`; `page` and
-    `samples` as in `Extent`.
+    `changes` are numbers of the object to replace; `young` as in `PipelineOptions`; `page`,
+    `samples` and `published` as in `Extent`.
     """
 
     bag: Path
@@ -43,6 +43,7 @@ class Task:
     young: str = 'auto'
     page: bool = True
     samples: bool = True
+    published: Path | None = None
 
 
 @dataclass
@@ -77,7 +78,8 @@ def task_key(task: Task) -> str:
     digest = hashlib.sha256()
     folder = task.bag if task.bag.is_dir() else task.bag.parent
     name = task.object_name or read_experiment(task.bag).object_file
-    for path in (folder / FILE_NAME, published_table(task.bag), Path(name) if name else None):
+    published = task.published or published_table(task.bag)
+    for path in (folder / FILE_NAME, published, Path(name) if name else None):
         digest.update(path.read_bytes() if path is not None and path.is_file() else b'-')
     choice = [name, task.young, list(task.changes), task.page, task.samples]
     digest.update(json.dumps(choice).encode())
@@ -111,7 +113,7 @@ def run_task(task: Task, folder: Path) -> bool:
     options = PipelineOptions(
         object_name=task.object_name, young=task.young, changes=dict(task.changes)
     )
-    make_report(task.bag, folder, options, Extent(task.page, task.samples))
+    make_report(task.bag, folder, options, Extent(task.page, task.samples, task.published))
     return False
 
 

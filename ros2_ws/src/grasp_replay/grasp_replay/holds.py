@@ -137,9 +137,21 @@ def _hold(
         if contacts is None:
             raise BagError(
                 f'{recording.path}: nothing touches in the {(last - first) * 1e-9:.2f} s of the '
-                f'hold around the scan at {entry.stamp} ns ({len(chosen)} samples)'
+                f'hold around the scan at {entry.stamp} ns ({len(chosen)} samples'
+                f'{_refused(placed)})'
             )
     return Hold(entry, pose, pose.to_object(scan.points), contacts)
+
+
+def _refused(samples: list[ContactSample]) -> str:
+    """How many of the samples cannot be used, and why the first one cannot; empty if all can."""
+    reasons = []
+    for sample in samples:
+        try:
+            usable(sample)
+        except SampleError as error:
+            reasons.append(str(error))
+    return f', {len(reasons)} of them unusable: {reasons[0]}' if reasons else ''
 
 
 def mean_contacts(samples: list[ContactSample]) -> HeldContacts | None:

@@ -21,6 +21,7 @@ from grasp_replay.theories import THEORIES, Solved, TheorySet, theory_set
 from scan_compare.comparison import Comparison, ComparisonError, compare
 from scan_compare.registration import RegistrationError
 from scan_compare.scan import Scan
+from scan_compare.units import UnitError, choose_unit, robust_extent
 from shell_deform.live.pose import Pose
 from shell_deform.loads import ContactPatch
 from shell_deform.solve.equilibrium import Equilibrium
@@ -108,6 +109,8 @@ def run(
     name = options.object_name or experiment.object_file or DEFAULT_OBJECT
     show(0.05, 'meshing')
     shell = _meshed(name, held[0], options)
+    for hold in holds:
+        _check_size(hold, shell)
     young_from = f'object {shell.shell.name}'
     if options.young == 'fit' or (options.young == 'auto' and len(held) > 1):
         show(0.1, "fitting Young's modulus")
@@ -130,6 +133,16 @@ def _meshed(name: str, first: Hold, options: PipelineOptions) -> TheorySet:
     travel = np.nan_to_num(contacts.travel)
     at_rest = contacts.point - travel[:, None] * contacts.normal
     return theory_set(name, at_rest, float(contacts.radius.min()), options.changes)
+
+
+def _check_size(hold: Hold, shell: TheorySet) -> None:
+    """Raise BagError for a scan without points, or so large or small that its unit is wrong."""
+    try:
+        if not len(hold.points):
+            raise UnitError('it has no points')
+        choose_unit(robust_extent(hold.points), 'm', float(np.ptp(shell.model.rest, axis=0).max()))
+    except UnitError as error:
+        raise BagError(f'the scan at {hold.entry.stamp} ns: {error}') from error
 
 
 def _fitted(

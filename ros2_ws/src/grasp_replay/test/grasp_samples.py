@@ -89,8 +89,13 @@ def scan_points(
     return surface.samples.position[chosen] + offset[:, None] * surface.samples.normal[chosen]
 
 
-def write_grasp(directory: Path, forces: tuple[float, ...] = FORCES_N) -> Path:
-    """An undeformed scan, then every load held for 0.6 s and scanned."""
+def write_grasp(
+    directory: Path, forces: tuple[float, ...] = FORCES_N, scan_unit: float = 1.0
+) -> Path:
+    """An undeformed scan, then every load held for 0.6 s and scanned.
+
+    `scan_unit` other than 1 makes scans whose numbers are no metres.
+    """
     ball = small_ball()
     patches = tuple(ball.model.contact(pole, 1e-3) for pole in POLES)
     scans, holds = [], []
@@ -110,7 +115,7 @@ def write_grasp(directory: Path, forces: tuple[float, ...] = FORCES_N) -> Path:
                 data = contacts(now, POLES + depth * inward, inward, force, depth)
                 writer.write(touching, data, now)
                 now += PERIOD_NS
-            points = scan_points(positions, number)
+            points = scan_unit * scan_points(positions, number)
             data = cloud(now, {axis: points[:, i] for i, axis in enumerate('xyz')})
             writer.write(scanning, data, now)
             entry: dict[str, Any] = {

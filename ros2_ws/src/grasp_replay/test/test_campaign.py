@@ -86,6 +86,9 @@ def test_the_key_depends_on_everything_that_goes_in(grasp: Path, tmp_path: Path)
     assert task_key(Task(copy)) == task_key(task)
     assert task_key(Task(grasp, (('thickness_m', 0.002),))) != task_key(task)
     assert task_key(Task(grasp, young='object')) != task_key(task)
+    table = copy / 'table.yaml'
+    table.write_text('rows: []')
+    assert task_key(Task(grasp, published=table)) != task_key(task)
     (copy / 'experiment.yaml').write_text((copy / 'experiment.yaml').read_text() + '\n')
     assert task_key(Task(copy)) != task_key(task)
 
@@ -143,3 +146,27 @@ def test_a_dask_cluster_gives_the_same_bytes(
         address = cluster.scheduler_address
         there = run_campaign(_tasks(grasp), tmp_path / 'there', scheduler=address)
     assert _bytes(alone) == _bytes(there)
+
+
+@pytest.mark.filterwarnings('ignore')
+def test_a_killed_dask_worker_loses_nothing(
+    grasp: Path, alone: CampaignResult, tmp_path: Path, wait_until: Any
+) -> None:
+    distributed = pytest.importorskip('distributed', reason='dask.distributed is optional')
+    results: list[CampaignResult] = []
+    out = tmp_path / 'there'
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, processes=True
+    ) as cluster:
+        address = cluster.scheduler_address
+        thread = threading.Thread(
+            target=lambda: results.append(run_campaign(_tasks(grasp, 4), out, scheduler=address))
+        )
+        thread.start()
+        wait_until(lambda: list(out.rglob('results.json')), 90)
+        os.kill(cluster.workers[0].pid, signal.SIGKILL)
+        thread.join(100)
+        assert not thread.is_alive()
+    assert results[0].failed == {}
+    assert _bytes(results[0])[:2] == _bytes(alone)
+    assert len(results[0].folders) == 4

@@ -99,3 +99,47 @@ def test_an_unreadable_scan_is_one_sentence_and_exit_one(tmp_path, capsys):
     assert output.out == ''
     assert output.err.startswith('object_prepare: ')
     assert 'broken.stl' in output.err
+
+
+@pytest.mark.parametrize(
+    ('extra', 'message'),
+    [
+        (['--thickness-m', '0.06'], 'thicker than the object is round'),
+        (['--thickness-m', '0.001', '--contact', '1,1,1,0.001'], 'm from the scan'),
+        (['--thickness-file', 'nothing.csv'], 'nothing.csv'),
+    ],
+)
+def test_what_cannot_be_an_object_leaves_no_file(scan, tmp_path, capsys, extra, message):
+    out = tmp_path / 'out'
+    assert main(scan, '--unit', 'mm', *extra, *MATERIAL, '--vertices', 300, '--out', out) == 1
+    error = capsys.readouterr().err
+    assert message in error and error.count('\n') == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize('name', ['nothing.stl', 'nan.obj'])
+def test_a_missing_or_broken_scan_is_named(tmp_path, capsys, name):
+    path = tmp_path / name
+    if name == 'nan.obj':
+        path.write_text('v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n')
+    assert main(path, '--unit', 'mm', '--thickness-m', 0.001, *MATERIAL, '--out', tmp_path) == 1
+    error = capsys.readouterr().err
+    assert name in error and error.count('\n') == 1
+    assert ('no such file' in error) == (name == 'nothing.stl')
+
+
+def test_an_open_scan_becomes_an_object_with_a_ring_beyond_its_edge(tmp_path, capsys):
+    points, faces = scans.bowl(4, 5e-5)
+    path = tmp_path / 'bowl.ply'
+    trimesh.Trimesh(1e3 * points, faces, process=False).export(path)
+    assert main(
+        path, '--unit', 'mm', '--thickness-m', 0.001, *MATERIAL, '--vertices', 300,
+        '--out', tmp_path, '--json',
+    ) == 0  # fmt: skip
+    report = json.loads(capsys.readouterr().out)
+    assert report['open_rims'] == 1
+    bowl = load_object(tmp_path / 'bowl.yaml')
+    mesh = object_mesh(bowl)
+    assert not mesh.is_closed
+    assert mesh.vertex_count > report['vertices']
+    assert mesh.active.sum() < mesh.triangle_count

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 from rich.console import Console
+from scipy.spatial import cKDTree
 
 from shell_deform.commands.console import CommandError, print_json, run
 from shell_deform.objects import load_object
@@ -60,7 +63,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--young-modulus-pa', type=_above_zero, required=True, help="Young's modulus [Pa]"
     )
-    parser.add_argument('--poisson-ratio', type=float, required=True, help='above -1, up to 0.5')
+    parser.add_argument(
+        '--poisson-ratio',
+        type=_poisson,
+        required=True,
+        help="Poisson's ratio, above -1, up to 0.5",
+    )
     parser.add_argument(
         '--vertices', type=_count, help='about how many control vertices (default: 640)'
     )
@@ -110,6 +118,7 @@ def _prepare(options: argparse.Namespace) -> None:
             refine_at=contacts[:, :3],
             refine_edge=edge,
         )
+        _refuse_far_contacts(contacts, prepared.points)
         status.update('writing the results')
         files = _write(options, name, prepared, thickness)
     report = _report(name, prepared, files)
@@ -129,22 +138,64 @@ def _prepare(options: argparse.Namespace) -> None:
         print(path)
 
 
+def _refuse_far_contacts(contacts: FloatArray, points: FloatArray) -> None:
+    """Contacts lie on the scanned face; anything else is a slip of unit or frame."""
+    if not len(contacts):
+        return
+    distance, _ = cKDTree(points).query(contacts[:, :3])
+    allowed = np.maximum(contacts[:, 3], 0.02 * float(np.ptp(points, axis=0).max()))
+    far = np.flatnonzero(distance > allowed)
+    if len(far):
+        x, y, z = contacts[far[0], :3]
+        raise CommandError(
+            f'contact {x:g},{y:g},{z:g} lies {distance[far[0]]:.3g} m from the scan; give it in '
+            'm, in the frame of the scan'
+        )
+
+
 def _write(
     options: argparse.Namespace, name: str, prepared: PreparedScan, thickness: float | FloatArray
 ) -> dict[str, str]:
+    """Write all files, or none: they are made in a folder of their own and moved at the end."""
     options.out.mkdir(parents=True, exist_ok=True)
-    paths = {
-        'object': options.out / f'{name}.yaml',
-        'control_mesh': options.out / f'{name}_control.ply',
-        'error_map': options.out / f'{name}_error.npz',
-        'picture': options.out / f'{name}_fit.png',
+    files = {
+        'control_mesh': f'{name}_control.ply',
+        'error_map': f'{name}_error.npz',
+        'picture': f'{name}_fit.png',
+        'object': f'{name}.yaml',
     }
+    with tempfile.TemporaryDirectory(dir=options.out, prefix='.part_') as folder:
+        part = Path(folder)
+        write_control_mesh(part / files['control_mesh'], prepared.fit.mesh)
+        content = _content(options, name, prepared, thickness, files['control_mesh'])
+        text = yaml.safe_dump(content, sort_keys=False)
+        (part / files['object']).write_text(text, encoding='utf-8')
+        load_object(part / files['object'])
+        np.savez_compressed(
+            part / files['error_map'],
+            points_m=prepared.points,
+            distance_m=prepared.fit.distance,
+            counted=prepared.fit.counted,
+        )
+        _draw(part / files['picture'], prepared)
+        for file in files.values():
+            os.replace(part / file, options.out / file)
+    return {key: str(options.out / file) for key, file in files.items()}
+
+
+def _content(
+    options: argparse.Namespace,
+    name: str,
+    prepared: PreparedScan,
+    thickness: float | FloatArray,
+    control_mesh: str,
+) -> dict[str, Any]:
+    """The object file."""
     mesh = prepared.fit.mesh
-    write_control_mesh(paths['control_mesh'], mesh)
     walls = vertex_thickness(mesh, thickness)
-    content: dict[str, Any] = {
+    return {
         'name': name,
-        'surface': {'mesh': {'file': paths['control_mesh'].name, 'unit': 'm', 'face': 'control'}},
+        'surface': {'mesh': {'file': control_mesh, 'unit': 'm', 'face': 'control'}},
         'thickness_m': float(thickness) if walls is None else walls.tolist(),
         'young_modulus_pa': options.young_modulus_pa,
         'poisson_ratio': options.poisson_ratio,
@@ -156,16 +207,6 @@ def _write(
         'source': f'fitted to the {options.face} face of {options.scan.name} ({options.unit}), '
         f'{1e3 * prepared.fit.rms_m:.3g} mm rms',
     }
-    paths['object'].write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')
-    load_object(paths['object'])
-    np.savez_compressed(
-        paths['error_map'],
-        points_m=prepared.points,
-        distance_m=prepared.fit.distance,
-        counted=prepared.fit.counted,
-    )
-    _draw(paths['picture'], prepared)
-    return {key: str(path) for key, path in paths.items()}
 
 
 def _report(name: str, prepared: PreparedScan, files: dict[str, str]) -> dict[str, Any]:
@@ -269,6 +310,13 @@ def _above_zero(text: str) -> float:
     value = float(text)
     if not 0.0 < value < np.inf:
         raise argparse.ArgumentTypeError(f'{text} is not above zero')
+    return value
+
+
+def _poisson(text: str) -> float:
+    value = float(text)
+    if not -1.0 < value <= 0.5:
+        raise argparse.ArgumentTypeError(f'{text} is not above -1 and up to 0.5')
     return value
 
 

@@ -31,12 +31,18 @@ def read_triangles(
     # Fifteen megabytes that only mesh files need, in every node's memory if imported above.
     import trimesh
 
+    if not path.is_file():
+        raise ObjectError(f'{path}: there is no such file')
     try:
         mesh = trimesh.load(path, force='mesh', process=False)
     except Exception as error:
         raise ObjectError(f'{path}: cannot be read as a mesh: {error}') from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise ObjectError(f'{path}: holds no triangles')
+    finite = np.isfinite(mesh.vertices).all(axis=1)
+    if not finite.all():
+        bad = int(np.argmin(finite))
+        raise ObjectError(f'{path}: vertex {bad} is not finite: {mesh.vertices[bad].tolist()}')
     if merge:
         mesh.merge_vertices()
     return np.asarray(mesh.vertices) * UNIT_M[unit], np.asarray(mesh.faces, dtype=np.int64)

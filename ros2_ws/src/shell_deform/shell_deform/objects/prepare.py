@@ -88,7 +88,8 @@ def prepare(
         refine_at: (k, 3) places to refine [m]. refine_edge: wanted edge length there [m].
 
     Raises:
-        ObjectError: the scan cannot carry a surface, or the wanted error is not reached.
+        ObjectError: the scan cannot carry a surface, the wall is too thick for one, or the
+            wanted error is not reached.
     """
     first = clean_scan(vertices, triangles, split_fans=False)
     report = dict(first.report)
@@ -114,7 +115,17 @@ def prepare(
             'scan or ask for less'
         )
     wall = _vertex_walls(result.mesh.vertices, thickness)
-    return PreparedScan(result, first.vertices, report, _slenderness(result.mesh, wall))
+    slenderness = _slenderness(result.mesh, wall)
+    _refuse_folds(slenderness, wall)
+    return PreparedScan(result, first.vertices, report, slenderness)
+
+
+def _refuse_folds(share: float, wall: FloatArray) -> None:
+    if share >= 1.0:
+        raise ObjectError(
+            f'a wall of {1e3 * float(wall.max()):.3g} mm is thicker than the object is round: no '
+            'shell; check the unit of the scan and the thickness'
+        )
 
 
 def _fitted(
@@ -134,6 +145,9 @@ def _fitted(
     if refine_at is not None and len(refine_at) and refine_edge is not None:
         mesh = drawn_together(mesh, LimitTarget(mesh), refine_at, refine_edge)
     wall = _vertex_walls(mesh.vertices, thickness)
+    if face == 'outer':
+        # moved in by half the wall, a surface bent tighter than that would fold
+        _refuse_folds(0.5 * _slenderness(mesh, wall), wall)
     half_wall = 0.5 * wall if face == 'outer' else 0.0 * wall
     rims = [
         scan.vertices[loop]

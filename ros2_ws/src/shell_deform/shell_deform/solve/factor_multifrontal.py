@@ -91,6 +91,9 @@ class MultifrontalFactor(Factor):
         self, rhs: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """K+ f (N, k) and Z^T f (r, k) of f (N, k), unrefined."""
+        if rhs.shape[1] == 0:
+            # BLAS complains about matrices without columns.
+            return np.zeros((self.size, 0)), np.zeros((len(self._weak_rows), 0))
         y = np.ascontiguousarray(rhs[self._unknown] * self._scale[:, None])
         along = np.zeros((0, y.shape[1]))
         with one_blas_thread():

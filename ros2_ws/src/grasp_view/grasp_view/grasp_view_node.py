@@ -292,8 +292,7 @@ class GraspView(Node):
         self._run_commands()
         if self.page.watched:
             told = time.monotonic() - self._replay_at < REPLAY_GONE_S
-            self.page.update(self._snapshot, self._replay if told else None)
-            self._updates += 1
+            self._updates += self.page.update(self._snapshot, self._replay if told else None)
 
     def _remember(self) -> None:
         snapshot = self._snapshot

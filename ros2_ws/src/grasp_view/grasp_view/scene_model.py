@@ -13,7 +13,6 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from .colour_map import colour_index
 from .hand_shape import FingerAngles
@@ -173,6 +172,9 @@ def vertex_scan_error(vertices: Floats, points: Floats, distance: Floats) -> Flo
 
     A point speaks for a vertex that is no further away than its own error plus 2 mm.
     """
+    # Imported with the first scan: SciPy takes half of the page's start.
+    from scipy.spatial import cKDTree
+
     count = min(8, len(points))
     size = np.abs(distance)
     gap, index = cKDTree(points).query(vertices, k=count)

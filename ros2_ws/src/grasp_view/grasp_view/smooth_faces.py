@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
 
 from .poses import Floats
 
@@ -25,10 +24,7 @@ class SmoothFaces:
         """triangles (t, 3) over `count` vertices."""
         corners = np.asarray(triangles, dtype=np.int64)
         self._corners = corners
-        self._at_vertex = sp.csr_matrix(
-            (np.ones(corners.size), (corners.ravel(), np.arange(corners.size) // 3)),
-            shape=(count, len(corners)),
-        )
+        self._count = count
         if count > MOST_VERTICES:
             self._ends = np.zeros((0, 2), dtype=np.int64)
             self.triangles: Ints = corners
@@ -43,8 +39,14 @@ class SmoothFaces:
 
     def positions(self, vertices: Floats) -> Floats:
         """Positions (n + e, 3) over vertices (n, 3): their own, then the edge middles."""
+        if not len(self._ends):
+            return vertices
         a, b, c = (vertices[self._corners[:, k]] for k in range(3))
-        normals = self._at_vertex @ np.cross(b - a, c - a)
+        across = np.repeat(np.cross(b - a, c - a), 3, axis=0)
+        where = self._corners.ravel()
+        normals: Floats = np.stack(
+            [np.bincount(where, across[:, k], minlength=self._count) for k in range(3)], axis=1
+        )
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         normals = normals / np.where(length > 0.0, length, 1.0)
         first, second = self._ends.T

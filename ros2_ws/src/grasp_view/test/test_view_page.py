@@ -457,7 +457,7 @@ def test_every_switch_of_the_page_takes_its_body_away_and_brings_it_back(
         for _ in range(2):
             before, was = picture(tab), box.is_checked()
             box.set_checked(not was)
-            wait_until(lambda old=before: np.abs(picture(tab) - old).max() > 40, 60)
+            wait_until(lambda old=before: np.abs(picture(tab) - old).max() > 20, 60)
 
 
 @pytest.mark.chromium
@@ -503,6 +503,7 @@ def test_the_slider_looks_back(start, grasp, tab, port: int, wait_until) -> None
     tab.get_by_text('Look back', exact=True).click()
     tab.get_by_label('Live', exact=True).uncheck()
     slider = tab.get_by_role('slider').nth(1)
+    wait_until(lambda: float(slider.get_attribute('aria-valuemin')) < -3.0, 60)
     slider.focus()
     slider.press('Home')
     wait_until(lambda: share_of(picture(tab), TABLE[250], 60) == 0.0, 60)

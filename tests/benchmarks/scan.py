@@ -1,24 +1,27 @@
 """Figures of the scan comparison: speed, pose errors, recovered errors, damaged files.
 
 `python tests/benchmarks/scan.py`; `--long` makes a million mutations instead of ten thousand.
-Peers (small_gicp, libigl, Open3D) are timed beside it where they are installed.
+Peers (small_gicp, libigl, Open3D) are timed beside it where the interpreter named by PEER_PYTHON
+(or this one) has them; see requirements/bench.txt.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib
+import json
+import os
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'ros2_ws/src/scan_compare/test'))
 
-from scan_mutations import run  # noqa: E402
+from scan_mutations import read_or_refuse, run, seeds  # noqa: E402
 from scan_shells import ball, occlude, odd_body, scan_points, two_dents  # noqa: E402
 
 from scan_compare.comparison import compare  # noqa: E402
@@ -31,6 +34,7 @@ from scan_compare.rigid import (  # noqa: E402
 from scan_compare.scan import Scan  # noqa: E402
 
 Row = tuple[str, str, str]
+PEERS = Path(__file__).parent / 'peers' / 'scan_tools.py'
 GRASP = two_dents(0.006, bulge=0.0003)
 START = Pose(
     rotation_from_vector(np.deg2rad(5.0) * np.array([0.6, 0.8, 0.0])),
@@ -141,7 +145,14 @@ def errors() -> Iterator[Row]:
 
 
 def damage(count: int) -> Iterator[Row]:
-    """Mutated scan files: only typed errors, bounded memory (both asserted inside)."""
+    """Cut and mutated scan files: only typed errors, bounded memory (asserted inside)."""
+    cuts = [(suffix, data[:end]) for suffix, data in seeds().values() for end in range(len(data))]
+    readable = sum(read_or_refuse(data, suffix) for suffix, data in cuts)
+    yield (
+        f'{len(cuts)} cuts, small files of {len(seeds())} kinds at every byte',
+        f'0 untyped errors, {readable} still read',
+        'typed error only',
+    )
     began = time.perf_counter()
     read, largest = run(count, seed=11)
     seconds = time.perf_counter() - began
@@ -153,83 +164,32 @@ def damage(count: int) -> Iterator[Row]:
 
 
 def peers() -> Iterator[Row]:
-    """The same half million points through other tools, each in its own way."""
+    """The same half million points through other tools, in the interpreter PEER_PYTHON."""
     model = ball(GRASP)
-    points = grasped_scan(500_000).points
     outer = model.limit.limit_positions(model.deformed) + model.offset * (
         model.limit.vertex_normals(model.deformed)
     )
-    triangles = np.asarray(model.mesh.triangles)
-    for name, measure in (
-        ('small_gicp', _small_gicp), ('igl', _igl), ('open3d', _open3d),
-    ):  # fmt: skip
-        try:
-            module = importlib.import_module(name)
-        except ImportError:
-            yield f'{name}', 'not installed', ''
-            continue
-        yield from measure(module, points, model.samples.position, outer, triangles)
-
-
-def _small_gicp(
-    module: ModuleType, points: np.ndarray, target: np.ndarray, *_: np.ndarray
-) -> Iterator[Row]:
-    began = time.perf_counter()
-    result = module.align(
-        target, points, registration_type='GICP', downsampling_resolution=0.7e-3,
-        max_correspondence_distance=5e-3, num_threads=2,
-    )  # fmt: skip
-    seconds = time.perf_counter() - began
-    found = np.asarray(result.T_target_source)
-    centre = found[:3, :3] @ START.inverse().apply(np.zeros((1, 3)))[0] + found[:3, 3]
-    yield (
-        'small_gicp, registration only',
-        f'{seconds:.2f} s, centre off by {1e3 * np.linalg.norm(centre):.3f} mm',
-        '',
-    )
-
-
-def _igl(
-    module: ModuleType,
-    points: np.ndarray,
-    _: np.ndarray,
-    outer: np.ndarray,
-    triangles: np.ndarray,
-) -> Iterator[Row]:
-    aligned = START.apply(points)
-    began = time.perf_counter()
-    squared = module.point_mesh_squared_distance(aligned, outer, triangles)[0]
-    seconds = time.perf_counter() - began
-    mean = 1e3 * float(np.sqrt(squared).mean())
-    yield (
-        'libigl, distances to the flat control facets',
-        f'{seconds:.2f} s, mean {mean:.3f} mm',
-        '',
-    )
-
-
-def _open3d(
-    module: ModuleType,
-    points: np.ndarray,
-    _: np.ndarray,
-    outer: np.ndarray,
-    triangles: np.ndarray,
-) -> Iterator[Row]:
-    scene = module.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        module.core.Tensor(outer.astype(np.float32)),
-        module.core.Tensor(triangles.astype(np.uint32)),
-    )
-    queries = module.core.Tensor(START.apply(points).astype(np.float32))
-    began = time.perf_counter()
-    distance = scene.compute_distance(queries).numpy()
-    seconds = time.perf_counter() - began
-    mean = 1e3 * float(distance.mean())
-    yield (
-        'Open3D, distances to the flat control facets',
-        f'{seconds:.2f} s, mean {mean:.3f} mm',
-        '',
-    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'scan.npz'
+        np.savez(
+            path,
+            points=grasped_scan(500_000).points,
+            rotation=START.rotation,
+            translation=START.translation,
+            samples=model.samples.position,
+            outer=outer,
+            triangles=np.asarray(model.mesh.triangles),
+        )
+        answer = subprocess.run(
+            [os.environ.get('PEER_PYTHON', sys.executable), PEERS, path],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+    lines = [line for line in answer.stdout.splitlines() if line.startswith('[[')]
+    if not lines:
+        yield 'small_gicp, libigl, Open3D', f'did not run: {answer.stderr.strip()[-120:]}', ''
+        return
+    for what, value in json.loads(lines[-1]):
+        yield what, value, ''
 
 
 def rows(mutations: int = 10_000) -> Iterator[Row]:

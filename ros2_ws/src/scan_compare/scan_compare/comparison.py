@@ -10,7 +10,7 @@ import numpy as np
 from scan_compare.deformed_surface import DeformedSurface
 from scan_compare.dent import Contacts, DentProfile, contacts_of, profiles
 from scan_compare.distance import Coverage, Distances, coverage, measure
-from scan_compare.registration import SCANNER_SIGMA, Registration, register
+from scan_compare.registration import SCANNER_SIGMA, Registration, RegistrationError, register
 from scan_compare.rigid import IDENTITY, Pose
 from scan_compare.scan import Scan
 from scan_compare.statistics import (
@@ -148,6 +148,7 @@ def compare(
     *,
     scanner_sigma_m: float = SCANNER_SIGMA,
     start: Pose | None = IDENTITY,
+    start_contacts: np.ndarray | None = None,
     undeformed_start: Pose | None = None,
     mask: np.ndarray | None = None,
     contacts: Contacts | None = None,
@@ -158,7 +159,8 @@ def compare(
     """Compare a scan with the deformed outer face of a shell.
 
     scanner_sigma_m: noise of one scan point along the surface normal [m]. start: pose of the scan
-    to start from, None searches all rotations; undeformed_start: the same for the undeformed
+    to start from, None searches all rotations; start_contacts (c, 3): points in the object's
+    frame that it was made from; undeformed_start: the same for the undeformed
     scan, by default the pose found for the deformed one (one scanner set-up). mask (n,): points
     of the undeformed region, found automatically if None. contacts: on the outer face at rest,
     found from the model if None. registration: use this pose instead of finding one. outlier_m:
@@ -166,12 +168,12 @@ def compare(
     Raises RegistrationError or ComparisonError.
     """
     if len(scan.points) == 0:
-        raise ComparisonError(f'{scan.source}: the scan has no points')
+        raise ComparisonError(f'{scan.source}: the scan has no points; scan the object again')
     if not np.all(np.isfinite(scan.points)):
         raise ComparisonError(f'{scan.source}: the scan has points that are not finite')
     progress('registration')
-    found = registration or register(
-        scan.points, surface, start=start, mask=mask, scanner_sigma_m=scanner_sigma_m
+    found = registration or _registered(
+        scan, surface, scanner_sigma_m, start=start, mask=mask, contacts=start_contacts
     )
     points = found.pose.apply(scan.points)
     progress('distances')
@@ -243,8 +245,25 @@ def _undeformed(
 ) -> tuple[Registration | None, np.ndarray | None]:
     if scan is None:
         return None, None
-    found = register(scan.points, surface.at_rest(), start=start, scanner_sigma_m=sigma)
+    found = _registered(scan, surface.at_rest(), sigma, start=start)
     return found, found.pose.apply(scan.points)
+
+
+def _registered(
+    scan: Scan,
+    surface: DeformedSurface,
+    sigma: float,
+    *,
+    start: Pose | None,
+    mask: np.ndarray | None = None,
+    contacts: np.ndarray | None = None,
+) -> Registration:
+    try:
+        return register(
+            scan.points, surface, start=start, mask=mask, scanner_sigma_m=sigma, contacts=contacts
+        )
+    except RegistrationError as error:
+        raise RegistrationError(f'{scan.source}: {error}') from None
 
 
 def _deformed_contacts(surface: DeformedSurface, contacts: Contacts) -> np.ndarray:

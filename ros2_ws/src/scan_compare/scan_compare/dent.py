@@ -188,11 +188,11 @@ class _Axis:
 
     def near(self, points: np.ndarray, radius: float, reach: float) -> tuple[np.ndarray, ...]:
         """Return across (k, 2) and depth (k,) of the points near this end of the axis."""
-        arms = points - self.point
-        depth = arms @ self.inward
-        across = arms @ self.across.T
-        chosen = (np.sum(across**2, axis=1) < radius**2) & (np.abs(depth) < reach)
-        return across[chosen], depth[chosen]
+        depth = points @ self.inward - self.point @ self.inward
+        level = np.flatnonzero(np.abs(depth) < reach)
+        across = (points[level] - self.point) @ self.across.T
+        inside = np.sum(across**2, axis=1) < radius**2
+        return across[inside], depth[level[inside]]
 
 
 def _reference_height(axis: _Axis, points: np.ndarray) -> np.ndarray | None:

@@ -73,7 +73,7 @@ def merge(views: list[Scan], reach_m: float = 2e-3) -> Merge:
             residual = float(np.sqrt(squares / count))
             if moved < SETTLED:
                 break
-    return Merge(_joined(views, poses), tuple(poses), residual, tuple(overlap))
+    return Merge(_joined(views, poses, residual, overlap), tuple(poses), residual, tuple(overlap))
 
 
 def _thin(count: int) -> np.ndarray:
@@ -148,7 +148,7 @@ def _cut(distance: np.ndarray) -> float:
     return max(4.685 * 1.4826 * float(np.median(np.abs(distance))), 1e-9)
 
 
-def _joined(views: list[Scan], poses: list[Pose]) -> Scan:
+def _joined(views: list[Scan], poses: list[Pose], residual: float, overlap: list[float]) -> Scan:
     moved = [
         view.moved(pose.rotation, pose.translation)
         for view, pose in zip(views, poses, strict=True)
@@ -170,5 +170,13 @@ def _joined(views: list[Scan], poses: list[Pose]) -> Scan:
         views[0].unit,
         any(view.unit_inferred for view in views),
         ' + '.join(view.source for view in views),
-        (*notes, f'{len(views)} views merged') if len(views) > 1 else views[0].notes,
+        (*notes, _merge_note(residual, overlap)) if len(views) > 1 else views[0].notes,
+    )
+
+
+def _merge_note(residual: float, overlap: list[float]) -> str:
+    return (
+        f'{len(overlap)} views merged, each refined against the others: they lie '
+        f'{1e3 * residual:.3f} mm (rms) apart where they overlap, at least '
+        f'{100.0 * min(overlap):.0f} % of a view'
     )

@@ -18,6 +18,9 @@ alone: an error of the model of 0.1 mm would become 2 mm of sliding."""
 VISIBLE_SENSITIVITY = 0.01
 """Directions that change all distances by less than this share cannot be seen at all."""
 
+CONTACT_SENSITIVITY = 0.1
+"""Contacts fix a motion that moves them by at least this share of what it moves the scan."""
+
 
 @dataclass(frozen=True)
 class Motions:
@@ -44,6 +47,23 @@ def information(rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return the mean (6, 6) of row outer products, weighted by `weight` (n,)."""
     total = float(weight.sum())
     return (rows * weight[:, None]).T @ rows / (total if total > 0.0 else 1.0)
+
+
+def split_by_contacts(
+    hidden: np.ndarray, contacts: np.ndarray, centre: np.ndarray, radius: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Split unobservable motions (6, k) into those that move known contacts (c, 3) and the rest.
+
+    Three contacts that do not lie on a line fix every motion; two leave the spin about their
+    line. Each part spans its motions and may have other directions than `hidden`.
+    """
+    if not hidden.shape[1] or not len(contacts):
+        return hidden[:, :0], hidden
+    arms = (contacts - centre) / radius
+    moved = [np.cross(hidden[:3].T, arm).T + hidden[3:] for arm in arms]
+    values, vectors = np.linalg.eigh(sum(block.T @ block for block in moved) / len(arms))
+    fixed = values > CONTACT_SENSITIVITY**2
+    return hidden @ vectors[:, fixed], hidden @ vectors[:, ~fixed]
 
 
 def describe_direction(direction: np.ndarray, centre: np.ndarray, radius: float) -> str:

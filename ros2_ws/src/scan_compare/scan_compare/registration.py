@@ -21,6 +21,7 @@ from scan_compare.observability import (
     describe_direction,
     information,
     motion_rows,
+    split_by_contacts,
 )
 from scan_compare.rigid import IDENTITY, Pose, nearest_rotation, rotation_from_vector
 from scan_compare.robust import (
@@ -127,13 +128,16 @@ def register(
     mask: np.ndarray | None = None,
     scanner_sigma_m: float = SCANNER_SIGMA,
     sample: int = SAMPLE,
+    contacts: np.ndarray | None = None,
 ) -> Registration:
     """Find the rigid motion that lays `scan_points` (n, 3) [m] onto `surface`.
 
     start: pose to start from (from the hand's contacts: `rigid.pose_from_points`), or None to
     search all rotations. mask (n,): scan points of the undeformed region; None finds the region
     from the model's displacements and trims what does not fit. scanner_sigma_m: noise of one
-    point. Deterministic. Raises RegistrationError if too few points lie on the surface.
+    point. contacts (c, 3): points in the object's frame that `start` was made from; directions
+    that only they fix are named so. Deterministic. Raises RegistrationError if too few points
+    lie on the surface.
     """
     points = np.asarray(scan_points, float)
     if len(points) < 20:
@@ -154,7 +158,8 @@ def register(
         points[chosen], usable[chosen], surface, pose, scanner_sigma_m
     )
     step = _solve(fit, scanner_sigma_m)
-    return _describe(fit, step, pose, steps, converged, ambiguous)
+    known = np.empty((0, 3)) if contacts is None else np.asarray(contacts, float)
+    return _describe(fit, step, pose, steps, converged, ambiguous, known)
 
 
 def thin(count: int, wanted: int) -> np.ndarray:
@@ -294,6 +299,7 @@ def _describe(
     steps: int,
     converged: bool,
     ambiguous: int,
+    contacts: np.ndarray,
 ) -> Registration:
     used = fit.rigid_weight > 0.0
     distance = fit.distances.distance
@@ -316,7 +322,7 @@ def _describe(
         steps=steps,
         converged=converged,
         ambiguous_poses=ambiguous,
-        text=_explain(fit, step, rms, trimmed, condition, converged, ambiguous),
+        text=_explain(fit, step, rms, trimmed, condition, converged, ambiguous, contacts),
     )
 
 
@@ -359,6 +365,7 @@ def _explain(
     condition: float,
     converged: bool,
     ambiguous: int,
+    contacts: np.ndarray,
 ) -> str:
     parts = [
         f'rigid, no scale; rms {1e3 * rms:.3f} mm on the undeformed region, '
@@ -371,9 +378,11 @@ def _explain(
         source = 'the dents (their depth left free)' if fit.depth.any() else 'the whole surface'
         names = [describe_direction(d, fit.centre, fit.radius) for d in step.weak.T]
         parts.append(f'fixed by {source}: ' + '; '.join(names))
-    if step.hidden.shape[1]:
-        names = [describe_direction(d, fit.centre, fit.radius) for d in step.hidden.T]
-        parts.append('unobservable, kept at the start: ' + '; '.join(names))
+    by_contacts, open_ = split_by_contacts(step.hidden, contacts, fit.centre, fit.radius)
+    for directions, how in ((by_contacts, 'fixed by the contacts'), (open_, 'kept at the start')):
+        if directions.shape[1]:
+            names = [describe_direction(d, fit.centre, fit.radius) for d in directions.T]
+            parts.append(f'unobservable, {how}: ' + '; '.join(names))
     if ambiguous > 1:
         parts.append(
             f'{ambiguous} poses fit equally well (a symmetry of the object): state a start pose'

@@ -54,7 +54,7 @@ def parse_scan(
     raw = _parse(data, suffix, source)
     cleaned = clean(raw.points, raw.triangles)
     if len(cleaned.points) == 0:
-        raise ScanFileError(f'{source}: the scan has no points')
+        raise ScanFileError(no_points(source, len(raw.points)))
     try:
         chosen = choose_unit(robust_extent(cleaned.points), unit, expected_size_m)
     except UnitError as error:
@@ -69,6 +69,12 @@ def parse_scan(
         source,
         (*raw.notes, *cleaned.notes, chosen.explanation),
     )
+
+
+def no_points(source: str, given: int) -> str:
+    """Return the sentence for a scan none of whose `given` points can be used."""
+    found = f'all {given} points are NaN or infinite' if given else 'the scan has no points'
+    return f'{source}: {found}; scan or export the object again'
 
 
 def read_mesh_file(path: str | Path) -> RawMesh:
@@ -88,7 +94,7 @@ def _read_bytes(path: str | Path) -> bytes:
 
 def _parse(data: bytes, suffix: str, source: str) -> RawMesh:
     if not data:
-        raise ScanFileError(f'{source}: the file is empty')
+        raise ScanFileError(f'{source}: the file is empty; export or copy it again')
     reader = FORMATS.get(suffix.lower()) or _reader_by_content(data)
     if reader is None:
         known = ', '.join(FORMATS)

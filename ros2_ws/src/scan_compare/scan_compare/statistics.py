@@ -20,6 +20,10 @@ DISC_POINTS = 50
 LARGEST_DISC_RADIUS = 6e-3
 """A thin scan widens the disc up to this radius [m]; beyond it no local maximum is quoted."""
 
+QUANTILES = (0.5, 0.95)
+DENSE_CELLS = 2**24
+"""Boxes of at most this many cells are numbered by a table of all of them."""
+
 CELLS_PER_RADIUS = 3
 """Points are pooled in cells of this fraction of the disc's radius before discs are formed."""
 
@@ -46,15 +50,18 @@ def summarise(distance: np.ndarray, weight: np.ndarray | None = None) -> Summary
     if distance.size == 0:
         return None
     unsigned = np.abs(distance)
-    weight = np.ones(distance.size) if weight is None else weight
+    if weight is None:
+        weight = np.ones(distance.size)
+        ranks = np.ceil(np.array(QUANTILES) * distance.size).astype(int) - 1
+        median, p95 = np.partition(unsigned, ranks)[ranks]
+    else:
+        order = np.argsort(unsigned)
+        share = np.cumsum(weight[order])
+        ranks = np.searchsorted(share, np.array(QUANTILES) * share[-1])
+        median, p95 = unsigned[order[np.minimum(ranks, distance.size - 1)]]
     total = float(weight.sum())
     if not total > 0.0:
         return None
-    order = np.argsort(unsigned, kind='stable')
-    share = np.cumsum(weight[order]) / total
-    median, p95 = unsigned[order][
-        np.minimum(np.searchsorted(share, (0.5, 0.95)), distance.size - 1)
-    ]
     return Summary(
         count=int(distance.size),
         mean_m=float(weight @ unsigned / total),
@@ -127,9 +134,15 @@ def group_by_cell(points: np.ndarray, size: float) -> tuple[np.ndarray, int]:
     whole -= whole.min(axis=0)
     shape = whole.max(axis=0) + 1
     key = (whole[:, 0] * shape[1] + whole[:, 1]) * shape[2] + whole[:, 2]
-    _, cell = np.unique(key, return_inverse=True)
-    cell = cell.reshape(-1)
-    return cell, int(cell.max()) + 1
+    cells = int(np.prod(shape, dtype=float))
+    if cells > DENSE_CELLS:
+        _, cell = np.unique(key, return_inverse=True)
+        cell = cell.reshape(-1)
+        return cell, int(cell.max()) + 1
+    held = np.zeros(cells, bool)
+    held[key] = True
+    number = np.cumsum(held) - 1
+    return number[key], int(number[-1]) + 1
 
 
 def mean_unsigned_noise(sigma: float) -> float:

@@ -27,7 +27,7 @@ from scan_compare.report.files import write_report
 from scan_compare.report.table import verdict
 from scan_compare.rigid import Pose
 from scan_compare.scan import Scan, clean
-from scan_compare.scan_file import ScanFileError, read_scan
+from scan_compare.scan_file import ScanFileError, no_points, read_scan
 from scan_compare.units import UnitError, choose_unit, robust_extent
 from shell_deform.objects import ObjectError, ShellObject, load_object, object_mesh
 from shell_deform.surface.control_mesh import ControlMesh, MeshError
@@ -186,7 +186,7 @@ def _scan(cloud: Cloud, surface: DeformedSurface) -> Scan:
         return read_scan(cloud.source, cloud.unit, surface.extent)
     cleaned = clean(cloud.points, None)
     if len(cleaned.points) == 0:
-        raise ScanFileError(f'{cloud.source}: the scan has no points')
+        raise ScanFileError(no_points(cloud.source, len(cloud.points)))
     try:
         unit = choose_unit(robust_extent(cleaned.points), cloud.unit, surface.extent)
     except UnitError as error:

@@ -80,6 +80,35 @@ def test_two_surfaces_are_ranked_and_known_contacts_start_the_fit(
     assert code == 0
     shown = capsys.readouterr().out
     assert f'{files / "surface.ply"} is better than' in shown
+    assert 'unobservable, fixed by the contacts: rotation about' in shown
+
+
+def test_a_cropped_copy_of_the_scan_names_the_undeformed_region(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    points = np.loadtxt(files / 'scan.xyz')
+    np.savetxt(files / 'cropped.xyz', points[np.abs(points[:, 2]) < 0.7], fmt='%.6f')
+    arguments = [str(files / 'scan.xyz'), '--object', 'tennis_ball', '--json']
+    arguments += ['--surface', str(files / 'surface.ply'), '--undeformed-region']
+    assert main([*arguments, str(files / 'cropped.xyz')]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found['mean_error_m'] == pytest.approx(0.1013e-3, rel=0.1)
+    assert found['registration']['trimmed_fraction'] > 0.3
+    assert main([*arguments, str(files / 'rest.xyz')]) == 1
+    assert 'none of its points is one of the scan' in capsys.readouterr().err
+
+
+def test_views_are_merged_and_the_gap_between_them_is_printed(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    points = np.loadtxt(files / 'scan.xyz')
+    views = {'left.xyz': points[points[:, 0] < 0.3], 'right.xyz': points[points[:, 0] > -0.3]}
+    for name, view in views.items():
+        np.savetxt(files / name, view, fmt='%.6f')
+    paths = [str(files / name) for name in views]
+    surface = ['--surface', str(files / 'surface.ply')]
+    assert main([*paths, '--object', 'tennis_ball', *surface]) == 0
+    assert '2 views merged, each refined against the others' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -90,11 +119,16 @@ def test_two_surfaces_are_ranked_and_known_contacts_start_the_fit(
         (['scan.xyz', '--object', 'no_such_object'], 'no_such_object'),
         (['scan.xyz', '--object', 'half_soda_can', '--surface', 'surface.ply'], '--rest'),
         (['scan.xyz', '--object', 'tennis_ball', '--surface', 'scan.xyz'], 'triangles'),
+        (['few.xyz', '--object', 'tennis_ball'], 'few.xyz: 4 scan points; at least 20'),
+        (['nan.xyz', '--object', 'tennis_ball'], 'nan.xyz: all 2 points are NaN'),
+        (['scan.xyz', '--object', 'tennis_ball', '--out', 'few.xyz'], 'few.xyz: File exists'),
     ],
 )
 def test_failures_are_one_sentence_and_exit_code_one(
     files: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
 ) -> None:
+    (files / 'few.xyz').write_text('30 0 0\n-30 0 0\n0 30 0\n0 0 30\n')
+    (files / 'nan.xyz').write_text('nan 0 0\ninf nan nan\n')
     paths = [str(files / word) if '.' in word and word[0] != '-' else word for word in arguments]
     assert main(paths) == 1
     captured = capsys.readouterr()

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from scan_compare.comparison import Comparison, ComparisonError, Progress, compare
 from scan_compare.deformed_surface import DeformedSurface, SurfaceError
@@ -26,12 +27,14 @@ from scan_compare.units import METRES_PER_UNIT, UnitError
 from shell_deform.objects import ObjectError
 from shell_deform.surface.control_mesh import MeshError
 
+SAME_POINT = 1e-6
+"""A point of the cropped scan is one of the scan within this distance [m]."""
+
 FAILURES = (
     ComparisonError,
     MergeError,
     MeshError,
     ObjectError,
-    OSError,
     RegistrationError,
     ScanFileError,
     SurfaceError,
@@ -48,6 +51,9 @@ def main(arguments: list[str] | None = None) -> int:
             if options.out is not None:
                 progress('report')
                 write_report(comparison, options.out)
+    except OSError as error:
+        print(f'scan_error: {error.filename}: {error.strerror}', file=sys.stderr)
+        return 1
     except FAILURES as error:
         print(f'scan_error: {error}', file=sys.stderr)
         return 1
@@ -64,11 +70,13 @@ def _run(options: argparse.Namespace, progress: Progress) -> Comparison:
     if options.surface is not None:
         surface = surface_of_files(options.surface, options.rest, surface, options.surface_unit)
     progress('scan')
-    scan = _read(options.scan, options.unit, surface)
+    scan, mask = _read(options.scan, options.unit, surface, options.undeformed_region)
     undeformed = None
     if options.undeformed is not None:
-        undeformed = _read(options.undeformed, options.unit, surface.at_rest())
-    start = options.start if options.contacts is None else _start_from(options.contacts)
+        undeformed, _ = _read(options.undeformed, options.unit, surface.at_rest())
+    start, contacts = options.start, None
+    if options.contacts is not None:
+        start, contacts = _start_from(options.contacts)
 
     def comparison(model: DeformedSurface) -> Comparison:
         return compare(
@@ -77,6 +85,8 @@ def _run(options: argparse.Namespace, progress: Progress) -> Comparison:
             undeformed,
             scanner_sigma_m=options.scanner_sigma,
             start=start,
+            start_contacts=contacts,
+            mask=mask,
             outlier_m=options.outlier,
             progress=progress,
         )
@@ -89,8 +99,8 @@ def _run(options: argparse.Namespace, progress: Progress) -> Comparison:
     return replace(found, notes=(*found.notes, rank(found, comparison(other), names).text))
 
 
-def _start_from(path: Path) -> Pose:
-    """Read contacts in both frames, six numbers a line; the pose that joins them."""
+def _start_from(path: Path) -> tuple[Pose, np.ndarray]:
+    """Read contacts, six numbers a line; the pose that joins both frames, the points (c, 3)."""
     try:
         table = np.loadtxt(path, ndmin=2, delimiter=None)
     except ValueError as error:
@@ -100,12 +110,24 @@ def _start_from(path: Path) -> Pose:
             f'{path}: contacts need six numbers a line: x y z in the scan frame, then x y z in '
             'the object frame [m]'
         )
-    return pose_from_points(table[:, :3], table[:, 3:])
+    return pose_from_points(table[:, :3], table[:, 3:]), table[:, 3:]
 
 
-def _read(paths: list[Path], unit: str | None, surface: DeformedSurface) -> Scan:
+def _read(
+    paths: list[Path], unit: str | None, surface: DeformedSurface, region: Path | None = None
+) -> tuple[Scan, np.ndarray | None]:
+    """Read and merge views; which of their points (n,) also stand in the cropped file `region`."""
     views = [read_scan(path, unit, surface.extent) for path in paths]
-    return merge(views).scan if len(views) > 1 else views[0]
+    mask = None
+    if region is not None:
+        cropped = cKDTree(read_scan(region, unit, surface.extent).points)
+        mask = np.concatenate([cropped.query(view.points)[0] < SAME_POINT for view in views])
+        if not mask.any():
+            raise ComparisonError(
+                f'{region}: none of its points is one of the scan; crop a copy of the scan and '
+                'leave the points where they are'
+            )
+    return (merge(views).scan if len(views) > 1 else views[0]), mask
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -135,6 +157,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--undeformed', type=Path, nargs='+', metavar='SCAN', help='scan of the undeformed '
         'object: depth of the dent is counted from it',
+    )  # fmt: skip
+    parser.add_argument(
+        '--undeformed-region', type=Path, metavar='SCAN', help='copy of the scan cropped to the '
+        'region that is undeformed: registration uses its points only (default: found from the '
+        'model)',
     )  # fmt: skip
     parser.add_argument(
         '--unit', choices=METRES_PER_UNIT, help='unit of the scan files; inferred from the '

@@ -74,7 +74,14 @@ def verdict(comparison: Comparison) -> str:
     """Say in one sentence whether the error stands out of the scanner's noise."""
     mean, floor = 1e3 * comparison.vertex.mean_m, 1e3 * comparison.noise_floor_m
     if comparison.beyond_noise:
-        return f'the mean error of {mean:.3f} mm exceeds the noise floor of {floor:.3f} mm'
+        text = f'the mean error of {mean:.3f} mm exceeds the noise floor of {floor:.3f} mm'
+        residual = comparison.undeformed_residual_m
+        if comparison.dent is not None and residual is not None:
+            text += (
+                f' (in the dent {1e3 * comparison.dent.mean_m:.3f} mm, in the undeformed region '
+                f'{1e3 * residual:.3f} mm)'
+            )
+        return text
     return (
         f'no verdict: the mean error of {mean:.3f} mm is what scanner noise alone produces '
         f'({floor:.3f} mm)'

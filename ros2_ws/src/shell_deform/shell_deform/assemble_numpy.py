@@ -2,33 +2,29 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from shell_deform.shell_points import ShellPoints
 from shell_deform.theory import THEORIES
 from shell_deform.theory.koiter import cross_matrix
-
-if TYPE_CHECKING:
-    from shell_deform.assemble import Discretisation
 
 Array = NDArray[np.float64]
 
 
-def _matrices(shell: Discretisation, columns: Array) -> list[sp.csr_matrix]:
+def _matrices(shell: ShellPoints, columns: Array) -> list[sp.csr_matrix]:
     """One (p, n) matrix for every column of basis coefficients (r, c)."""
     size = (len(shell.weights), len(shell.mesh.vertices))
     return [sp.csr_matrix((c, shell.row_nodes, shell.row_offsets), shape=size) for c in columns.T]
 
 
-def derivatives(shell: Discretisation, positions: Array) -> Array:
+def derivatives(shell: ShellPoints, positions: Array) -> Array:
     """Derivative vectors (p, 5, 3) at every quadrature point."""
     return np.stack([m @ positions for m in _matrices(shell, shell.rows)], axis=1)
 
 
-def _wall_stress(shell: Discretisation, strain: Array) -> Array:
+def _wall_stress(shell: ShellPoints, strain: Array) -> Array:
     return np.concatenate(
         [
             np.einsum('pij,pj->pi', shell.membrane, strain[:, :3]),
@@ -38,7 +34,7 @@ def _wall_stress(shell: Discretisation, strain: Array) -> Array:
     )
 
 
-def shell_gradient(shell: Discretisation, theory: str, positions: Array) -> tuple[float, Array]:
+def shell_gradient(shell: ShellPoints, theory: str, positions: Array) -> tuple[float, Array]:
     """Strain energy [J] and gradient (n, 3) [N]."""
     law = THEORIES[theory]
     matrices = _matrices(shell, shell.rows)
@@ -51,9 +47,7 @@ def shell_gradient(shell: Discretisation, theory: str, positions: Array) -> tupl
     return energy, np.asarray(gradient)
 
 
-def shell_tangent(
-    shell: Discretisation, theory: str, positions: Array
-) -> tuple[float, Array, Array]:
+def shell_tangent(shell: ShellPoints, theory: str, positions: Array) -> tuple[float, Array, Array]:
     """Strain energy [J], gradient (n, 3) [N] and stiffness values in `shell.pattern`."""
     law = THEORIES[theory]
     energy, gradient = shell_gradient(shell, theory, positions)
@@ -83,18 +77,18 @@ def _spread(block: sp.spmatrix, i: int, j: int) -> sp.csr_matrix:
     return sp.csr_matrix((coo.data, (3 * coo.row + i, 3 * coo.col + j)), shape=(size, size))
 
 
-def _into_pattern(shell: Discretisation, matrix: sp.spmatrix) -> Array:
+def _into_pattern(shell: ShellPoints, matrix: sp.spmatrix) -> Array:
     full = shell.pattern.matrix(np.zeros(len(shell.pattern.indices)))
     rows = np.repeat(np.arange(full.shape[0]), np.diff(full.indptr))
     return np.asarray(matrix.tocsr()[rows, full.indices]).ravel()
 
 
-def _volume_matrices(shell: Discretisation) -> list[sp.csr_matrix]:
+def _volume_matrices(shell: ShellPoints) -> list[sp.csr_matrix]:
     columns = np.column_stack([shell.values, shell.rows[:, 0], shell.rows[:, 1]])
     return _matrices(shell, columns)
 
 
-def volume_gradient(shell: Discretisation, positions: Array) -> tuple[float, Array]:
+def volume_gradient(shell: ShellPoints, positions: Array) -> tuple[float, Array]:
     """Enclosed volume [m^3] and gradient (n, 3) [m^2]."""
     matrices = _volume_matrices(shell)
     x, a, b = (m @ positions for m in matrices)
@@ -105,7 +99,7 @@ def volume_gradient(shell: Discretisation, positions: Array) -> tuple[float, Arr
 
 
 def add_pressure_stiffness(
-    shell: Discretisation, pressure: float, positions: Array, data: Array
+    shell: ShellPoints, pressure: float, positions: Array, data: Array
 ) -> None:
     """Add -pressure times the second derivative of the volume to stiffness values."""
     matrices = _volume_matrices(shell)

@@ -1,11 +1,13 @@
 """Compile every kernel once, so that no later start waits: `python -m shell_deform.compile_cache`.
 
 It solves a small squeezed ball with sealed gas, offline and as the live node does, which passes
-through all of them.
+through all of them. Kernels with written signatures compile when they are imported: the
+factorisation does so in a process of its own, beside the surface and the theories.
 """
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import time
 
@@ -18,6 +20,20 @@ from shell_deform.loads import ContactPatch
 from shell_deform.objects import load_object
 from shell_deform.solve.equilibrium import displaced
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+
+FACTORISATION = (
+    'import shell_deform.solve.factor_multifrontal, shell_deform.solve.nested_dissection'
+)
+
+
+def compile_beside() -> None:
+    """Compile the factorisation and, meanwhile here, surface, theories and gas."""
+    with subprocess.Popen([sys.executable, '-c', FACTORISATION]):
+        ball = with_material(load_object('tennis_ball'), gas_kind='sealed')
+        model = build_model(ball, control_vertices=60)
+        object_contacts(ball, model)
+        model.tangent(model.rest)
+        model.gradient(model.rest)
 
 
 def compile_kernels() -> None:
@@ -54,6 +70,7 @@ def main() -> None:
     """Compile, saying so and how long it took."""
     start = time.perf_counter()
     print('Compiling the shell kernels (first time only) ...', file=sys.stderr)
+    compile_beside()
     compile_kernels()
     print(f'... done in {time.perf_counter() - start:.0f} s', file=sys.stderr)
 

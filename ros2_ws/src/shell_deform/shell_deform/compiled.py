@@ -18,6 +18,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
 Function = TypeVar('Function', bound=Callable[..., Any])
 
 HAVE_NUMBA = importlib.util.find_spec('numba') is not None
@@ -59,3 +62,8 @@ def compiled(function: Function) -> Function:
 
     result: Any = numba.njit(nogil=True, cache=True, error_model='numpy')(revised(function))
     return cast(Function, result)
+
+
+def writable(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The array, copied only if it is read-only: for such ones numba compiles a kernel anew."""
+    return np.require(array, requirements=('C', 'W'))

@@ -13,9 +13,10 @@ from shell_deform.loads import LoadError
 from shell_deform.objects import load_object
 from shell_deform.objects.loader import ObjectError
 from shell_deform.objects.shell_object import Contact, ShellObject, Sphere
-from shell_deform.pads import Pad, gap, pad_field
+from shell_deform.pads import Pad, gap
 from shell_deform.solve.equilibrium import LoadCaseError, displaced, forced
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.solve.pad_contact import pad_field
 from shell_deform.solve.stability import snap_margin
 
 KEPT = json.loads(

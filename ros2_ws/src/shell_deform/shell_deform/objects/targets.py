@@ -13,10 +13,6 @@ NEWTON_STEPS = 60
 class ClosedTarget:
     """A surface without outline."""
 
-    def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Nearest points (p, 3) [m] and outward unit normals (p, 3)."""
-        raise NotImplementedError
-
     def outline(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """No point of a closed surface lies on an outline."""
         return points, np.zeros((len(points), 2, 3))

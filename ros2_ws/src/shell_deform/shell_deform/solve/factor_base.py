@@ -7,6 +7,7 @@ x = K+ f + Z a with R a = Z^T f: exactly, however small R is.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
@@ -88,7 +89,7 @@ class SymbolicFactor:
         return 0 if self.fronts is None else int(self.fronts.stored_entries(self.block))
 
 
-class Factor:
+class Factor(ABC):
     """A factorised symmetric matrix K, some unknowns held at zero.
 
     Attributes: `size` N; `inertia` of K over the free unknowns; `strong` inertia of the part
@@ -110,11 +111,11 @@ class Factor:
         self._weak_vectors: NDArray[np.float64] = np.zeros((0, 0))
         self._norm: float | None = None
 
+    @abstractmethod
     def partial_solve(
         self, rhs: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """K+ f (N, k) and Z^T f (r, k) of f (N, k), unrefined."""
-        raise NotImplementedError
 
     @property
     def norm(self) -> float:

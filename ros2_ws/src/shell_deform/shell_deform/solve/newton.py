@@ -14,7 +14,6 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from shell_deform.model import ShellModel, Tangent
-from shell_deform.pads import FIRST_STIFFNESS, LAST_STIFFNESS
 from shell_deform.solve.borders import Borders, bordered, borders, negative_directions
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, PathState
 from shell_deform.solve.factor import (
@@ -25,6 +24,7 @@ from shell_deform.solve.factor import (
     factorise,
 )
 from shell_deform.solve.factor_bordered import BorderedFactor
+from shell_deform.solve.pad_contact import FIRST_STIFFNESS, LAST_STIFFNESS
 from shell_deform.solve.prediction import StepLoads, control_of, predicted
 from shell_deform.theory import THEORIES
 

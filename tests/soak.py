@@ -1,10 +1,11 @@
 """`make soak`: the long form of the checks that `make test` runs short; the table goes to docs/.
 
 10^6 mutations, ten-minute runs, 200 seeds: hours on two cores. `soak.py hand scan` runs only
-those. The figures that they print stand below the table.
+those and keeps the rows of the others. The figures that they print stand below the table.
 """
 
 import os
+import re
 import subprocess
 import sys
 import time
@@ -53,15 +54,23 @@ def run(arguments: tuple[str, ...]) -> tuple[int, list[str]]:
     return process.returncode, printed
 
 
+def kept() -> tuple[dict[str, str], dict[str, str]]:
+    """Rows of the table and printed figures of earlier runs, by the name of the check."""
+    text = TABLE.read_text() if TABLE.exists() else ''
+    rows = {row[1]: row[0] for row in re.finditer(r'^\| `(\w+)` \|.*$', text, re.MULTILINE)}
+    sections = re.split(r'^## ', text, flags=re.MULTILINE)[1:]
+    return rows, {
+        name: body.strip('\n') for name, _, body in (s.partition('\n') for s in sections)
+    }
+
+
 def main() -> int:
-    """Run the wanted checks and write their table and figures; 1 if one failed."""
+    """Run the wanted checks and write their rows and figures; 1 if one failed."""
     wanted = sys.argv[1:] or list(CHECKS)
     unknown = sorted(set(wanted) - set(CHECKS))
     if unknown:
         print(f'no check {", ".join(unknown)}; there are {", ".join(CHECKS)}')
         return 2
-    lines = ['# Long checks', '', '| check | seconds | result |', '|---|---:|---|']
-    figures: list[str] = []
     failed = False
     for name in wanted:
         title, arguments = CHECKS[name]
@@ -70,9 +79,17 @@ def main() -> int:
         code, printed = run(arguments)
         failed |= code != 0
         result = 'passed' if code == 0 else f'failed ({code})'
-        lines.append(f'| {title} | {time.monotonic() - start:.0f} | {result} |')
-        figures += ['', f'## {title}', '', '```', *printed, '```']
-        TABLE.write_text('\n'.join([*lines, *figures, '']))
+        seconds = time.monotonic() - start
+        rows, figures = kept()
+        rows[name] = f'| `{name}` | {title} | {seconds:.0f} | {result} |'
+        figures[name] = '\n'.join(['```', *printed, '```'])
+        names = [check for check in CHECKS if check in rows]
+        TABLE.write_text(
+            '# Long checks\n\n`make soak` runs them; a row is of the last run of its check.\n\n'
+            '| check | what | seconds | result |\n|---|---|---:|---|\n'
+            + ''.join(f'{rows[check]}\n' for check in names)
+            + ''.join(f'\n## {check}\n\n{figures[check]}\n' for check in names)
+        )
     print(f'table in {TABLE}')
     return int(failed)
 

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +36,9 @@ from barrett_hand_bridge.trial import bias_counts, coverage, force_errors
 
 BIN = Path(sys.executable).parent
 GROUP = '239.74.163.2'
+# Flag of contacts that are no longer true, and how often the hand falls silent for them.
+STALE = 4
+STRIKES = 10
 
 # Joint 2 and spread in degrees, finger, tip in mm: the published vectors.
 VECTORS = [
@@ -180,14 +184,14 @@ class Ear:
         )
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
-    def _on_contacts(self, message: object) -> None:
+    def _on_contacts(self, message: Any) -> None:
         now = time.time()
-        stamp = message.header.stamp  # type: ignore[attr-defined]
-        offset = next(f.offset for f in message.fields if f.name == 'flags')  # type: ignore[attr-defined]
-        self.heard.append((now, stamp.sec + 1e-9 * stamp.nanosec, message.data[offset]))  # type: ignore[attr-defined]
+        stamp = message.header.stamp
+        offset = next(f.offset for f in message.fields if f.name == 'flags')
+        self.heard.append((now, stamp.sec + 1e-9 * stamp.nanosec, message.data[offset]))
 
-    def _on_diagnostics(self, message: object) -> None:
-        status = message.status[0]  # type: ignore[attr-defined]
+    def _on_diagnostics(self, message: Any) -> None:
+        status = message.status[0]
         self.values = {value.key: value.value for value in status.values}
 
     def listen(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
@@ -205,10 +209,6 @@ class Ear:
         """Leave."""
         self._node.destroy_node()
         self._rclpy.try_shutdown()
-
-
-STALE = 4
-STRIKES = 10
 
 
 def node_rows(seconds: float) -> Iterator[Row]:

@@ -58,10 +58,8 @@ def kept() -> tuple[dict[str, str], dict[str, str]]:
     """Rows of the table and printed figures of earlier runs, by the name of the check."""
     text = TABLE.read_text() if TABLE.exists() else ''
     rows = {row[1]: row[0] for row in re.finditer(r'^\| `(\w+)` \|.*$', text, re.MULTILINE)}
-    sections = re.split(r'^## ', text, flags=re.MULTILINE)[1:]
-    return rows, {
-        name: body.strip('\n') for name, _, body in (s.partition('\n') for s in sections)
-    }
+    sections = re.findall(r'^## (\w+)\n\n(.*?)(?=\n+## |\n*\Z)', text, re.MULTILINE | re.DOTALL)
+    return rows, dict(sections)
 
 
 def main() -> int:

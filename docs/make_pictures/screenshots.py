@@ -25,6 +25,11 @@ def _browser(width: int, height: int) -> Iterator[Any]:
         yield new_tab(browser, width, height)
 
 
+def _undisturbed(tab: Any) -> None:
+    """Close the notice that this browser renders in software."""
+    tab.locator('.mantine-Notification-closeButton').first.click()
+
+
 def draw_report() -> Path:
     """The report of the recorded ball, as a browser shows it."""
     path = PICTURES / 'report.png'
@@ -106,6 +111,7 @@ def draw_view() -> Path:
         tab.wait_for_selector('.grasp-legend')
         # Slower than recorded, so that a slow browser does not miss the deep dent.
         nodes.start('replay', str(BAG), '--rate', '0.5', '--loop')
+        _undisturbed(tab)
         deadline = time.monotonic() + 90
         while not _deep(tab, 8.0) and time.monotonic() < deadline:
             tab.wait_for_timeout(100)
@@ -124,7 +130,8 @@ def draw_what_if() -> Path:
         _wait(page, 'serving')
         tab.goto(f'http://127.0.0.1:{port}')
         tab.wait_for_selector('.grasp-legend')
-        force = tab.locator('input[value="5"]').first
+        _undisturbed(tab)
+        force = tab.locator('input[value="5"]:visible').first
         force.fill('15')
         force.press('Enter')
         deadline = time.monotonic() + 60

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.building import build_model, object_contacts
-from shell_deform.loads import ContactPatch
 from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject
 from shell_deform.readout import wall_ratio
@@ -40,22 +40,16 @@ class ForceCurve:
         control_vertices: int | None = None,
     ) -> None:
         """`pin_radius` [m] replaces that of the object's contacts."""
-        model = build_model(shell_object, theory, control_vertices, refine_radius=pin_radius)
-        contacts = object_contacts(shell_object, model, pin_radius)
-        self._set(shell_object, model, contacts)
-
-    def _set(
-        self, shell_object: ShellObject, model: ShellModel, contacts: tuple[ContactPatch, ...]
-    ) -> None:
         self.shell_object = shell_object
-        self._model = model
-        self._contacts = contacts
+        self._model = build_model(shell_object, theory, control_vertices, refine_radius=pin_radius)
+        self._contacts = object_contacts(shell_object, self._model, pin_radius)
         self._known: dict[bytes, Array] = {}
 
     def with_theory(self, theory: str) -> ForceCurve:
         """The same mesh and contacts under another theory."""
-        other = ForceCurve.__new__(ForceCurve)
-        other._set(self.shell_object, self._model.with_theory(theory), self._contacts)
+        other = copy(self)
+        other._model = self._model.with_theory(theory)
+        other._known = {}
         return other
 
     @property
@@ -72,11 +66,6 @@ class ForceCurve:
     def thickness_over_radius(self) -> float:
         """How far the wall is from thin; see `theory.thin_wall`."""
         return wall_ratio(self._model)
-
-    @property
-    def vertices(self) -> int:
-        """Control vertices of the mesh."""
-        return len(self._model.rest)
 
     def model(self, young: float, gauge: float) -> ShellModel:
         """The shell with this modulus [Pa] and gauge pressure [Pa]."""

@@ -20,17 +20,6 @@ from shell_deform.force_curve import ForceCurve, IdentificationError
 from shell_deform.objects import ShellObject
 from shell_deform.theory.thin_wall import excess_stiffness
 
-__all__ = [
-    'ForceCurve',
-    'IdentificationError',
-    'Identified',
-    'SqueezeData',
-    'cross_validate',
-    'identify',
-    'squeeze_data',
-    'thickness_sensitivity',
-]
-
 Array = NDArray[np.float64]
 
 # Two-sided 90 % of a normal distribution.

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_typestore
 
-from shell_deform.identify import IdentificationError, SqueezeData
+from shell_deform.force_curve import IdentificationError
+from shell_deform.identify import SqueezeData
 
 Array = NDArray[np.float64]
 

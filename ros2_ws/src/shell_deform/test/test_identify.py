@@ -8,9 +8,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from shell_deform.commands import shell_identify
-from shell_deform.force_curve import ForceCurve
+from shell_deform.force_curve import ForceCurve, IdentificationError
 from shell_deform.identify import (
-    IdentificationError,
     SqueezeData,
     cross_validate,
     identify,

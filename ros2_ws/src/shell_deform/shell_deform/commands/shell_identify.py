@@ -14,8 +14,8 @@ from rich.console import Console
 from rich.table import Table
 
 from shell_deform.commands.console import CommandError, print_json, progress, run
+from shell_deform.force_curve import ForceCurve
 from shell_deform.identify import (
-    ForceCurve,
     Identified,
     SqueezeData,
     cross_validate,

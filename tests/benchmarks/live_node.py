@@ -2,7 +2,7 @@
 
 Contacts go from this process to the real node and come back as surfaces; an echo node that answers
 with a cloud of the same size runs beside it. Memory is sampled while a recording is replayed in a
-loop. `main` prints rows (what, value, goal).
+loop. `main` prints rows of what, value and goal.
 
     python tests/benchmarks/live_node.py [--seconds 60] [--runs 5] [--replay-seconds 600]
 """
@@ -18,12 +18,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from live import Row, show
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2, PointField
@@ -38,16 +38,6 @@ ROW = np.dtype([(name, '<f4') for name in NAMES] + [('finger', 'u1'), ('flags', 
 SCALARS = ('max_displacement', 'linearity', 'strain_energy', 'nonlinear_age', 'snap_margin')
 GROWTH_MB = 10.0
 """Less than this between the first and the last fifth of a replay is no growth."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """One figure: what was measured, its value, its goal, and whether that is met."""
-
-    what: str
-    value: str
-    goal: str = ''
-    met: bool = True
 
 
 def contacts(stamp: int, depth: float) -> PointCloud2:
@@ -329,14 +319,6 @@ def _draw(picture: Path, node: np.ndarray, echoed: np.ndarray) -> None:
     pyplot.close(figure)
 
 
-def _show(rows: list[Row]) -> int:
-    """Print rows; returns how many are short of their goal."""
-    for row in rows:
-        verdict = '' if row.met else 'SHORT'
-        print(f'{row.what:<62} {row.value:<30} {row.goal:<18} {verdict}', flush=True)
-    return sum(not row.met for row in rows)
-
-
 def main() -> int:
     """Measure and print; returns 1 when a figure is short of its goal."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -354,13 +336,13 @@ def main() -> int:
     os.environ.setdefault('ROS_DOMAIN_ID', '87')
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     rclpy.init()
-    short = _show(latency_rows(options.seconds, options.runs, options.picture))
-    short += _show(rate_rows(options.seconds))
+    short = show(latency_rows(options.seconds, options.runs, options.picture))
+    short += show(rate_rows(options.seconds))
     for name, obj in (
         ('tennis_ball_two_finger', 'tennis_ball'),
         ('half_soda_can', 'half_soda_can'),
     ):
-        short += _show(memory_rows(ROOT / 'bags' / name, obj, options.replay_seconds))
+        short += show(memory_rows(ROOT / 'bags' / name, obj, options.replay_seconds))
     rclpy.try_shutdown()
     return int(short > 0)
 

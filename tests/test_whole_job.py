@@ -61,20 +61,35 @@ def listener(domain_id):
     rclpy.try_shutdown()
 
 
-@pytest.mark.timeout(240)
-def test_every_recorded_sample_is_answered_and_every_scan_judged(listener, start):
+@pytest.fixture
+def nodes(listener, start):
+    """Deformation and scan comparison, ready to answer."""
     pose = yaml.safe_load((BAG / 'experiment.yaml').read_text())['object_pose']
     parameters = ['--ros-args', '-p', 'object:=tennis_ball', '-p', f'object_pose:={pose}']
     nodes = [start('deformation', *parameters), start('scan_compare', *parameters)]
-    listener.spin_until(lambda: listener.meshes, 90)
-    player = start(
-        'replay', BAG, '--wait', '30',
-        '--topics', '/hand/contacts', '/scan/points', '/object_pose',
+    listener.spin_until(lambda: listener.meshes, 150)
+    return nodes
+
+
+@pytest.fixture
+def play(listener, start):
+    """Play what concerns these nodes, until the end."""
+
+    def run(*options):
+        topics = ('/hand/contacts', '/scan/points', '/object_pose')
+        player = start('replay', BAG, '--wait', '30', '--topics', *topics, *options)
+        listener.spin_until(lambda: player.process.poll() is not None, 200)
+        assert player.process.returncode == 0, player.text
+
+    return run
+
+
+@pytest.mark.timeout(400)
+def test_every_recorded_sample_is_answered_and_every_scan_judged(listener, nodes, play):
+    play(
         '--lockstep', '/hand/contacts:=/deformation/surface', '/scan/points:=/scan/error',
         '--lockstep-timeout', '30',
     )  # fmt: skip
-    listener.spin_until(lambda: player.process.poll() is not None, 120)
-    assert player.process.returncode == 0, player.text
     listener.spin_until(lambda: not listener.missing(), 20)
     listener.spin_until(lambda: len(listener.mean_errors) >= 5, 40)
 
@@ -86,3 +101,12 @@ def test_every_recorded_sample_is_answered_and_every_scan_judged(listener, start
     assert listener.mean_errors[0] < 0.2e-3
     assert max(listener.mean_errors) < 0.6e-3
     assert [node.stop() for node in nodes] == [0, 0]
+
+
+@pytest.mark.timeout(400)
+def test_at_the_pace_of_the_recording_no_sample_is_lost_while_scans_cross(listener, nodes, play):
+    play('--playback-until-sec', '7.0')
+    listener.spin_until(lambda: len(set(listener.answered)) >= 701, 20)
+    listener.spin_until(lambda: len(listener.mean_errors) >= 2, 40)
+    assert len(set(listener.asked)) == 701
+    assert not listener.missing()

@@ -13,7 +13,7 @@ SOURCES := $(addprefix ros2_ws/src/,$(PACKAGES))
 EDITABLE := $(addprefix -e ./,$(SOURCES))
 SETUPS := $(addsuffix /setup.py,$(SOURCES))
 
-.PHONY: help setup demo test test-cell soak bench bags pictures lock lint clean
+.PHONY: help setup demo test test-cell soak bench bench-peers bags pictures lock lint clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 20
@@ -46,6 +46,10 @@ soak: setup  ## the long figures: 10^6 mutations, 10-minute runs, 200 seeds; tab
 
 bench: setup  ## performance and fidelity tables, side by side with the peers that are installed
 	@$(BIN)/python tests/benchmarks/run.py
+
+bench-peers:  ## Kratos and MuJoCo in .venv-bench, for the tables of `make bench`
+	@"$(PYTHON)" -m venv .venv-bench
+	@.venv-bench/bin/pip install --quiet -r requirements/bench.txt
 
 bags: setup  ## the recordings again, from the kept solid solutions
 	@$(BIN)/python bags/generate.py

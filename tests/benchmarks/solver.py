@@ -1,10 +1,11 @@
-"""The shell solver: accuracy and processor time beside Kratos.
+"""The shell solver: accuracy and processor time beside Kratos, MuJoCo and CalculiX.
 
-`python tests/benchmarks/solver.py`. Kratos runs where the interpreter named by PEER_PYTHON (or
-this one) has it; see requirements/bench.txt. Its corotational triangles use engineering strain, so
-they are held against the independent solution of that measure (Reissner), ours against Koiter's:
-same pin, same traction, same 24 steps. `--picture FILE` draws accuracy against unknowns and
-processor time; `--large` adds 10 242 vertices and Kratos on the whole ball.
+`python tests/benchmarks/solver.py`. Kratos and MuJoCo run from the environment of `make
+bench-peers`, or where the interpreter named by PEER_PYTHON has them. Kratos' corotational triangles
+use engineering strain, so they are held against the independent solution of that measure (Reissner)
+and ours against Koiter's: same pin, same traction, same 24 steps. MuJoCo's shell and CalculiX's solid
+are held against Koiter. `--picture FILE` draws accuracy against unknowns and processor time; `--large`
+adds 10 242 vertices and Kratos on the whole ball.
 """
 
 from __future__ import annotations
@@ -20,39 +21,59 @@ import resource  # noqa: E402
 import subprocess  # noqa: E402
 import sys  # noqa: E402
 import time  # noqa: E402
+from collections.abc import Iterator  # noqa: E402
 from dataclasses import dataclass  # noqa: E402
 from pathlib import Path  # noqa: E402
+from typing import Any  # noqa: E402
+
+sys.path[:0] = [str(Path(__file__).parent / 'peers'), str(Path(__file__).parents[2])]
 
 import numpy as np  # noqa: E402
 import trimesh  # noqa: E402
+from bags import axisymmetric, calculix  # noqa: E402
+from ball_mesh import octant  # noqa: E402
+from numpy.typing import NDArray  # noqa: E402
 from scipy.interpolate import CubicSpline  # noqa: E402
 
 from shell_deform.assemble import discretise  # noqa: E402
 from shell_deform.building import build_model, object_contacts  # noqa: E402
+from shell_deform.loads import ContactPatch  # noqa: E402
 from shell_deform.model import ShellModel  # noqa: E402
-from shell_deform.solve.equilibrium import displaced  # noqa: E402
+from shell_deform.objects.targets import SphereTarget  # noqa: E402
+from shell_deform.solve.equilibrium import LoadCase, displaced  # noqa: E402
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions  # noqa: E402
+from shell_deform.supports import joined, symmetry  # noqa: E402
 from shell_deform.surface.control_mesh import control_mesh  # noqa: E402
+from shell_deform.surface.fit import fit_limit_surface, interpolating  # noqa: E402
+from shell_deform.surface.loop_basis import basis_rows  # noqa: E402
+from shell_deform.surface.outer_ring import with_outer_ring  # noqa: E402
 from shell_deform.theory.material import Material  # noqa: E402
 from shell_deform.verification.paper_setup import compare  # noqa: E402
 from shell_deform.verification.problem import references  # noqa: E402
 from shell_deform.verification.spheres import PIN_RADIUS, pinched_sphere  # noqa: E402
 
+Array = NDArray[np.float64]
 Row = tuple[str, str, str]
 
-PEER = Path(__file__).parent / 'peers' / 'kratos_octant.py'
+ROOT = Path(__file__).parents[2]
+PEERS = Path(__file__).parent / 'peers'
 STEPS = np.linspace(0.5, 12.0, 24)
+OCTANT_EDGE = 16
 NEWTON_GOALS = {642: 30, 2562: 180, 10242: 1000}
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One force-displacement curve: largest force error [-], unknowns, processor time [s]."""
+    """One force-displacement curve: largest force error [-], unknowns, processor time [s].
+
+    `from_koiter`: largest difference from Koiter's forces, for a peer of another strain measure.
+    """
 
     name: str
     error: float
     unknowns: int
     cpu_seconds: float
+    from_koiter: float = np.nan
 
 
 def reference(case: str) -> CubicSpline:
@@ -74,23 +95,116 @@ def our_curve(vertices: int) -> Curve:
     return Curve('whole ball, ours', float(error), 3 * len(model.rest), seconds)
 
 
+def our_octant(edge: int) -> Curve:
+    """An octant on Kratos' own triangles, symmetry on its three planes, 24 steps."""
+    start = time.process_time()
+    points, triangles = octant(edge)
+    points = 1e-3 * points
+    target = SphereTarget(31.25e-3)
+    inner = control_mesh(points, triangles, corners=[])
+    mesh = fit_limit_surface(with_outer_ring(interpolating(inner)), target, 3)
+    shell = discretise(mesh, Material(1e6, 0.49), 2.5e-3)
+    planes = []
+    for axis in range(3):
+        on_plane = np.flatnonzero(np.abs(points[:, axis]) < 1e-9)
+        planes += symmetry(shell, on_plane, np.eye(3)[axis])
+    model = ShellModel(shell, supports=joined(planes))
+    pin = (quarter_pin(model),)
+    cases = [LoadCase(pin, np.array([np.nan]), np.array([1e-3 * w]), held=False) for w in STEPS]
+    states = EquilibriumSolver(model).sweep(cases)
+    seconds = time.process_time() - start
+    forces = 4.0 * np.array([state.force[0] for state in states])
+    error = np.abs(forces / reference('koiter_disc2_nu0.49')(STEPS) - 1.0).max()
+    return Curve("octant, ours on Kratos' triangles", float(error), 3 * len(model.rest), seconds)
+
+
+def quarter_pin(model: ShellModel) -> ContactPatch:
+    """The pin at the pole of an octant: all of its disc, mirrored into the octant."""
+    nodes, gauss = np.polynomial.legendre.leggauss(8)
+    arc = PIN_RADIUS * np.sqrt(0.5 * (nodes + 1.0)) / 31.25e-3
+    turn = 0.5 * np.pi * (np.arange(12) + 0.5) / 12
+    down, around = (grid.ravel() for grid in np.meshgrid(arc, turn, indexing='ij'))
+    disc = 31.25e-3 * np.column_stack(
+        [np.sin(down) * np.cos(around), np.sin(down) * np.sin(around), np.cos(down)]
+    )
+    pole = np.array([[0.0, 0.0, 31.25e-3]])
+    weights = []
+    for places, share in ((disc, np.repeat(0.5 * gauss / 12, 12)), (pole, np.ones(1))):
+        found = model.surface.closest_point(model.rest, places)
+        there = basis_rows(model.shell.mesh, found.triangle, found.parameters)
+        row = np.repeat(np.arange(len(share)), np.diff(there.node_offsets))
+        values = np.zeros(len(model.rest))
+        np.add.at(values, there.nodes, share[row] * there.values)
+        weights.append(values)
+    return ContactPatch(
+        pole[0], np.array([0.0, 0.0, -1.0]), PIN_RADIUS, weights[1], weights[0],
+        np.zeros_like(model.rest), 1.0,
+    )  # fmt: skip
+
+
+def peer_answer(script: str, arguments: list[int], forces: Array) -> dict[str, Any] | None:
+    """What a peer prints for these forces [N]; None where it is not installed."""
+    own = ROOT / '.venv-bench/bin/python'
+    python = os.environ.get('PEER_PYTHON', str(own) if own.exists() else sys.executable)
+    answer = subprocess.run(
+        [python, str(PEERS / script), *map(str, arguments)],
+        input=json.dumps(forces.tolist()), capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    lines = [line for line in answer.stdout.splitlines() if line.startswith('{"depth_mm"')]
+    return json.loads(lines[0]) if lines else None
+
+
+def mujoco_curve(edge: int) -> Curve | None:
+    """MuJoCo's flexible shell, the whole ball; None where it is not installed."""
+    koiter = reference('koiter_disc2_nu0.49')
+    result = peer_answer('mujoco_ball.py', [edge], koiter(STEPS))
+    if result is None:
+        return None
+    depth = np.array(result['depth_mm'])
+    inside = depth <= STEPS[-1]
+    error = float(np.abs(koiter(STEPS)[inside] / koiter(depth[inside]) - 1.0).max())
+    name = 'whole ball, MuJoCo flexible shell'
+    return Curve(name, error, result['unknowns'], result['cpu_seconds'], error)
+
+
 def kratos_curve(edge: int, whole: bool) -> Curve | None:
     """Kratos under the forces of the independent solution; None where it is not installed."""
     own = reference('reissner_disc2_nu0.5')
     softer = reference('koiter_disc2_nu0.49')(STEPS) / reference('koiter_disc2_nu0.5')(STEPS)
     measure = CubicSpline(np.r_[0.0, STEPS], np.r_[0.0, own(STEPS) * softer])
-    python = os.environ.get('PEER_PYTHON', sys.executable)
-    answer = subprocess.run(
-        [python, str(PEER), str(edge), str(int(whole))],
-        input=json.dumps(measure(STEPS).tolist()), capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    lines = [line for line in answer.stdout.splitlines() if line.startswith('{"depth_mm"')]
-    if not lines:
+    result = peer_answer('kratos_octant.py', [edge, int(whole)], measure(STEPS))
+    if result is None:
         return None
-    result = json.loads(lines[0])
     error = np.abs(measure(STEPS) / measure(np.array(result['depth_mm'])) - 1.0).max()
     name = f'{"whole ball" if whole else "octant"}, Kratos thin corotational triangles'
-    return Curve(name, float(error), result['unknowns'], result['cpu_seconds'])
+    depth = np.array(result['depth_mm'])
+    koiter = reference('koiter_disc2_nu0.49')(depth)
+    return Curve(
+        name,
+        float(error),
+        result['unknowns'],
+        result['cpu_seconds'],
+        float(np.abs(measure(STEPS) / koiter - 1.0)[STEPS >= 1.0].max()),
+    )
+
+
+def calculix_curve() -> Curve | None:
+    """The ball as an axisymmetric solid by CalculiX, 24 load steps; None where it is missing."""
+    try:
+        calculix.solver_path()
+    except calculix.CalculixError:
+        return None
+    koiter = reference('koiter_disc2_nu0.49')
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    ball = axisymmetric.Ball(pin='traction', pin_radius=2.0, young_modulus=1.0)
+    solved = axisymmetric.solve(ball, 0.96 * koiter(STEPS), np.zeros(len(STEPS)))
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    depth = solved.middle_displacement()
+    apart = np.abs(0.96 * koiter(STEPS) / koiter(depth) - 1.0)[depth >= 1.0].max()
+    unknowns = 2 * len(solved.mesh.positions)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    name = 'axisymmetric solid, CalculiX'
+    return Curve(name, float(apart), unknowns, seconds, float(apart))
 
 
 def newton_step(subdivisions: int) -> tuple[int, float, float]:
@@ -113,32 +227,57 @@ def newton_step(subdivisions: int) -> tuple[int, float, float]:
     return len(mesh.vertices), float(wall), float(processor)
 
 
-def rows(large: bool) -> list[Row]:
+def said(curve: Curve) -> str:
+    """Processor time and error of a curve."""
+    return f'{curve.cpu_seconds:.2f} s, {100 * curve.error:.2f} %'
+
+
+def rows(large: bool) -> Iterator[Row]:
     """What was measured, its value, and its goal."""
-    found: list[Row] = []
     our_curve(650)
     ours = our_curve(650)
-    found.append(('ball 0-12 mm, 24 steps, CPU s', f'{ours.cpu_seconds:.2f}', '3'))
-    found.append(('its largest force error, Koiter', f'{100 * ours.error:.2f} %', '0.5 %'))
-    for edge, whole, goal in ((24, False, 'information'), (36, False, 'information')):
-        peer = kratos_curve(edge, whole)
+    yield (('ball 0-12 mm, 24 steps, CPU s', f'{ours.cpu_seconds:.2f}', '3'))
+    yield (('its largest force error, Koiter', f'{100 * ours.error:.2f} %', '0.5 %'))
+    eighth = our_octant(OCTANT_EDGE)
+    yield ((f'{eighth.name}, {eighth.unknowns} unknowns', said(eighth), '0.5 %'))
+    for edge in (OCTANT_EDGE, 24, 36):
+        peer = kratos_curve(edge, False)
         if peer is None:
-            found.append(('Kratos', 'not installed: requirements/bench.txt', ''))
+            yield (('Kratos', 'not installed: requirements/bench.txt', ''))
             break
-        label = f'{peer.name}, {peer.unknowns} unknowns'
-        found.append((label, f'{peer.cpu_seconds:.2f} s, {100 * peer.error:.2f} %', goal))
-        found.append(
-            ('  its CPU over our whole ball', f'{peer.cpu_seconds / ours.cpu_seconds:.1f}', '')
+        yield ((f'{peer.name}, {peer.unknowns} unknowns', said(peer), 'information'))
+        ratio = f'{peer.cpu_seconds / eighth.cpu_seconds:.1f}'
+        yield (('  octant against octant, CPU ratio', ratio, '3'))
+        yield (
+            ('  its force from Koiter, 1-12 mm', f'{100 * peer.from_koiter:.2f} %', 'see below')
         )
+    own, koiter = reference('reissner_disc2_nu0.5'), reference('koiter_disc2_nu0.5')
+    apart = 100 * (own([4.0, 8.0, 12.0]) / koiter([4.0, 8.0, 12.0]) - 1.0)
+    yield (
+        ("Reissner's measure (Kratos' own) over Koiter, 4, 8, 12 mm",
+         ', '.join(f'{value:+.2f} %' for value in apart), 'why no 1 %')
+    )  # fmt: skip
+    mujoco = mujoco_curve(12)
+    if mujoco is None:
+        yield ('MuJoCo', 'not installed: requirements/bench.txt', '')
+    else:
+        yield (f'{mujoco.name}, {mujoco.unknowns} unknowns', said(mujoco), 'information')
+        ratio = f'{mujoco.cpu_seconds / ours.cpu_seconds:.1f}'
+        yield ('  whole ball against whole ball, CPU ratio', ratio, 'information')
+    solid = calculix_curve()
+    if solid is None:
+        yield (('CalculiX', 'not installed: Debian package calculix-ccx', ''))
+    else:
+        yield ((f'{solid.name}, {solid.unknowns} unknowns', said(solid), 'information'))
     if large:
         peer = kratos_curve(24, True)
         if peer is not None:
             ratio = peer.cpu_seconds / ours.cpu_seconds
-            found.append((peer.name, f'{peer.cpu_seconds:.1f} s, {100 * peer.error:.2f} %', ''))
-            found.append(('whole ball against whole ball, CPU ratio', f'{ratio:.1f}', '10'))
+            yield ((peer.name, f'{peer.cpu_seconds:.1f} s, {100 * peer.error:.2f} %', ''))
+            yield (('whole ball against whole ball, CPU ratio', f'{ratio:.1f}', '10'))
     for subdivisions in (3, 4, 5) if large else (3, 4):
         vertices, wall, processor = newton_step(subdivisions)
-        found.append(
+        yield (
             (
                 f'Newton step at {vertices} vertices, ms wall (CPU)',
                 f'{wall:.0f} ({processor:.0f})',
@@ -146,16 +285,15 @@ def rows(large: bool) -> list[Row]:
             )
         )
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    found.append(('peak memory, MiB', f'{peak:.0f}', 'reported'))
+    yield (('peak memory, MiB', f'{peak:.0f}', 'reported'))
     for row in compare(0.5):
-        found.append(
+        yield (
             (
                 f'{row.setup}, {row.method}, 0.5 N: depth mm',
                 f'{1e3 * row.depth:.4f} in {row.cpu_seconds:.2f} s',
                 'comparison',
             )
         )
-    return found
 
 
 def draw(path: Path) -> None:
@@ -167,9 +305,16 @@ def draw(path: Path) -> None:
     from matplotlib.ticker import NullFormatter
 
     our_curve(200)
-    families = {'Loop Kirchhoff-Love, whole ball': [our_curve(n) for n in (200, 320, 650, 1300)]}
+    families = {
+        'Loop Kirchhoff-Love, whole ball': [our_curve(n) for n in (200, 320, 650, 1300)],
+        'Loop Kirchhoff-Love, octant': [our_octant(edge) for edge in (8, 12, 16, 24)],
+    }
     peers = [kratos_curve(edge, False) for edge in (8, 12, 24, 36)]
     families['Kratos thin corotational triangles, octant'] = [p for p in peers if p is not None]
+    flexible = [mujoco_curve(edge) for edge in (5, 8, 12)]
+    families['MuJoCo flexible shell, whole ball'] = [p for p in flexible if p is not None]
+    solid = calculix_curve()
+    families['CalculiX axisymmetric solid, difference from Koiter'] = [solid] if solid else []
     figure, axes = plt.subplots(1, 2, figsize=(10, 4.2), sharey=True, layout='constrained')
     for name, curves in families.items():
         if not curves:
@@ -194,7 +339,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument('--picture', type=Path, metavar='FILE', help='draw accuracy (PNG)')
     options = parser.parse_args(arguments)
     for what, value, goal in rows(options.large):
-        print(f'{what:<64} {value:>28}   goal {goal}')
+        print(f'{what:<64} {value:>28}   goal {goal}', flush=True)
     if options.picture:
         draw(options.picture)
 

@@ -14,7 +14,10 @@ for variable in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
 
 import argparse  # noqa: E402
 import json  # noqa: E402
+import signal  # noqa: E402
+import subprocess  # noqa: E402
 import sys  # noqa: E402
+import tempfile  # noqa: E402
 import time  # noqa: E402
 from collections.abc import Callable, Iterator  # noqa: E402
 from pathlib import Path  # noqa: E402
@@ -125,11 +128,56 @@ def surface_rows() -> Iterator[Row]:
             yield what, value, '1 to 2 s on two cores'
 
 
+def first_surface_rows(points: int) -> Iterator[Row]:
+    """From the scan file to the first live surface, as a user does it: three commands."""
+    import live_hand
+
+    programs = Path(sys.executable).parent
+    height = float(potato_radius(np.array([[0.0, 0.0, 1.0]]))[0])
+    vertices, faces = scan(points)
+    with tempfile.TemporaryDirectory() as folder, live_hand.own_domain():
+        file = Path(folder) / 'scan.ply'
+        trimesh.Trimesh(1e3 * vertices, faces, process=False).export(file)
+        start = time.perf_counter()
+        subprocess.run(
+            [programs / 'object_prepare', file, '--unit', 'mm', '--thickness-m', '0.001',
+             '--young-modulus-pa', '2e6', '--poisson-ratio', '0.45',
+             '--contact', f'0,0,{height},0.002', '--out', folder],
+            check=True, stdout=subprocess.DEVNULL,
+        )  # fmt: skip
+        prepared = time.perf_counter()
+        node = subprocess.Popen(
+            [programs / 'deformation', '--ros-args', '-p', f'object:={folder}/scan.yaml'],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        observer = live_hand.Observer()
+        try:
+            # the third command: any source of contacts
+            observer.stream(
+                lambda i: live_hand.sample(
+                    [[0.0, 0.0, height]], [[0.0, 0.0, -1.0]], [0.3], [1e-4],
+                    stamp=(i + 1) * 10_000_000, radius=2e-3,
+                ),
+                lambda: bool(observer.surfaces) and bool(observer.nonlinear),
+                timeout=300.0,
+            )  # fmt: skip
+            done = time.perf_counter()
+        finally:
+            observer.close()
+            node.send_signal(signal.SIGINT)
+            node.wait(30.0)
+    what = f'scan file of {points} points: '
+    yield what + 'object_prepare', f'{prepared - start:.1f} s', ''
+    yield what + 'first nonlinear surface after that', f'{done - prepared:.1f} s', ''
+    yield what + 'three commands', f'{done - start:.1f} s', '120 s'
+
+
 def rows(points: int) -> Iterator[Row]:
     """All figures."""
     yield from surface_rows()
     yield from primitive_rows()
     yield from scan_rows(points)
+    yield from first_surface_rows(points)
 
 
 def main() -> None:

@@ -13,7 +13,7 @@ SOURCES := $(addprefix ros2_ws/src/,$(PACKAGES))
 EDITABLE := $(addprefix -e ./,$(SOURCES))
 SETUPS := $(addsuffix /setup.py,$(SOURCES))
 
-.PHONY: help setup demo test test-cell soak bench bench-peers bags pictures lock lint clean
+.PHONY: help setup demo test test-cell soak bench bench-peers bags pictures tables lock lint clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 20
@@ -56,6 +56,9 @@ bags: setup  ## the recordings again, from the kept solid solutions
 
 pictures: setup  ## the pictures of README and docs again
 	@$(BIN)/python -m docs.make_pictures
+
+tables: setup  ## the parameter tables of the package READMEs again
+	@$(BIN)/python -m docs.parameter_tables
 
 lock:  ## compile the locked requirements again (needs uv)
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-emit-find-links --no-header requirements/requirements.in -o requirements/lock.txt

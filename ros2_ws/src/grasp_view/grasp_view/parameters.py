@@ -48,16 +48,6 @@ PARAMETERS: tuple[Parameter, ...] = (
 )  # fmt: skip
 
 
-def markdown_table() -> str:
-    """The parameters as the README shows them."""
-    lines = ['| parameter | default | range | at run time | meaning |', '|---|---|---|---|---|']
-    for one in PARAMETERS:
-        span = '' if one.lowest is None else f'{one.lowest:g} … {one.highest:g}'
-        when = '' if one.fixed else 'yes'
-        lines.append(f'| `{one.name}` | `{one.default}` | {span} | {when} | {one.description} |')
-    return '\n'.join(lines)
-
-
 def usage() -> str:
     """What `grasp_view --help` prints: every parameter with its unit, range and default."""
     lines = [

@@ -64,11 +64,16 @@ class WhatIfPanel:
                 for k, start in enumerate((5.0, 5.0, 0.0))
             ]
             self._said = gui.add_html('')
-        self._opposite.on_update(lambda _: self._lock())
-        self._lock()
+        for changed in (self._opposite, self._force[0]):
+            changed.on_update(lambda _: self._follow())
+        self._follow()
 
-    def _lock(self) -> None:
+    def _follow(self) -> None:
+        """An opposing finger 2 pushes as hard as finger 1, and its slider says so."""
         self._force[1].disabled = self._opposite.value
+        if self.opposing:
+            # The setter is there; mypy misses it behind viser's helper method.
+            self._force[1].value = self._force[0].value  # type: ignore[misc]
 
     @property
     def opposing(self) -> bool:

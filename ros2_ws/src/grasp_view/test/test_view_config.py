@@ -1,4 +1,4 @@
-"""RViz and Foxglove files show our topics, by fields they have; the README lists parameters."""
+"""RViz and Foxglove files show our topics, by fields they have."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-
-from grasp_view.parameters import markdown_table
 
 CONFIG = Path(__file__).resolve().parent.parent / 'config'
 SURFACE = {'x', 'y', 'z', 'ux', 'uy', 'uz', 'displacement', 'sigma'}
@@ -104,7 +102,3 @@ def test_foxglove_places_every_panel_it_describes() -> None:
 
     walk(FOXGLOVE['layout'])
     assert sorted(placed) == sorted(FOXGLOVE['configById'])
-
-
-def test_the_readme_lists_the_declared_parameters() -> None:
-    assert markdown_table() in (CONFIG.parent / 'README.md').read_text()

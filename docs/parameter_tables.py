@@ -1,0 +1,68 @@
+"""The parameter tables of the package READMEs, from the declarations: `make tables`.
+
+Each README carries its table between the two marks below; a test asserts that they are in step.
+The hand bridge makes its own, whose values are longer.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+SOURCES = Path(__file__).resolve().parents[1] / 'ros2_ws' / 'src'
+PACKAGES = ('shell_deform', 'scan_compare', 'grasp_view')
+BEGIN, END = '<!-- parameters: made by docs/parameter_tables.py -->', '<!-- end of parameters -->'
+
+
+def readme(package: str) -> Path:
+    """The README of a package."""
+    return SOURCES / package / 'README.md'
+
+
+def table(package: str) -> str:
+    """The parameters that the node of a package declares, as Markdown."""
+    lines = ['| parameter | default | allowed | meaning |', '|---|---|---|---|']
+    for one in import_module(f'{package}.parameters').PARAMETERS:
+        lines.append(
+            f'| `{one.name}` | {_value(one.default)} | {_allowed(one)} | {one.description} |'
+        )
+    return '\n'.join(lines)
+
+
+def renewed(text: str, made: str) -> str:
+    """A README's text with the table between its marks replaced; ValueError without them."""
+    before, rest = text.split(BEGIN)
+    _, after = rest.split(END)
+    return f'{before}{BEGIN}\n\n{made}\n\n{END}{after}'
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return ' '.join(_value(one) for one in value)
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f'{value:g}' if isinstance(value, int | float) else value or 'empty'
+
+
+def _allowed(parameter: Any) -> str:
+    choices = getattr(parameter, 'choices', ())
+    if choices:
+        return ', '.join(choices)
+    lowest, highest = parameter.lowest, parameter.highest
+    if lowest is None or highest is None:
+        return '' if lowest is None else f'from {lowest:g}'
+    return f'{lowest:g} to {highest:g}'
+
+
+def main() -> int:
+    """Renew the tables of all packages."""
+    for package in PACKAGES:
+        path = readme(package)
+        path.write_text(renewed(path.read_text(), table(package)))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -43,6 +43,8 @@ HAND_TOPICS = (
     '/hand/contacts',
 )
 WORLD_TOPICS = ('/object_pose', '/scan/points')
+# A clock sent again makes one cycle more on the wire: only for one that was really lost.
+CLOCK_PATIENCE_S = 3.0
 TOPICS = (*HAND_TOPICS, *WORLD_TOPICS, '/diagnostics')
 
 
@@ -226,7 +228,7 @@ class World:
         self.stamps.append(self.now_ns)
         tries = 0
         self._clock.publish(Clock(clock=stamp(self.now_ns)))
-        patience = time.monotonic() + 0.5
+        patience = time.monotonic() + CLOCK_PATIENCE_S
         while self._answered_ns < self.now_ns:
             self._executor.spin_once(timeout_sec=0.05)
             if time.monotonic() > patience:
@@ -238,7 +240,7 @@ class World:
                         + self.live.said('hand_bridge')[-2000:]
                     )
                 self._clock.publish(Clock(clock=stamp(self.now_ns)))
-                patience = time.monotonic() + 0.5
+                patience = time.monotonic() + CLOCK_PATIENCE_S
         rotation, origin = self.measured_pose()
         self._poses.publish(pose_message(rotation, origin, self.now_ns, self.frame))
 

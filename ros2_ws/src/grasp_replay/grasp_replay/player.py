@@ -84,6 +84,7 @@ class Player:
         if unknown:
             raise BagError(f'--wait-for {listed(unknown)} is not among the topics sent')
         deadline = time.monotonic() + self.options.wait
+        missing: set[str] = set()
         while self.stage.alive():
             missing = {self._names[name] for name in self.stage.senders.unmatched()}
             if not (missing & required if required else missing):

@@ -17,7 +17,10 @@ Array = NDArray[np.float64]
 
 CONTACT, UNUSABLE = 1, 2 | 4 | 8 | 16 | 32
 FLOAT32, UINT8 = 7, 2
-BINS = 24
+# Enough for a smooth curve; each costs an equilibrium per try of the fit.
+BINS = 12
+# A mean over a bin still feels the width of a count.
+OWN_SIGMA_N = 0.05
 
 
 def read_squeeze(bag: Path, topic: str = '/hand/contacts') -> SqueezeData:
@@ -47,8 +50,11 @@ def read_squeeze(bag: Path, topic: str = '/hand/contacts') -> SqueezeData:
         raise IdentificationError(
             f'{bag}: the contacts of {topic} never travel under load; record a slow squeeze'
         )
-    columns = np.array(rows).T
-    return SqueezeData(*columns)
+    force, displacement, sigma_force, sigma_displacement = np.array(rows).T
+    # what grows with the force is the gauge's gain, the same in all rows
+    gain = float(np.min(sigma_force / force))
+    own = np.sqrt(np.maximum(sigma_force**2 - (gain * force) ** 2, OWN_SIGMA_N**2))
+    return SqueezeData(force, displacement, own, sigma_displacement, sigma_gain=gain)
 
 
 def _samples(bag: Path, topic: str) -> tuple[Array, Array, Array, Array]:

@@ -17,9 +17,11 @@ from shell_deform.identify import (
     thickness_sensitivity,
 )
 from shell_deform.objects import load_object
+from shell_deform.squeeze_bag import read_squeeze
 
 PUBLISHED = np.array([[10.631, 2.56e-3], [16.503, 6.05e-3], [20.373, 9.12e-3], [21.485, 10.27e-3]])
-SOLID = Path(__file__).parents[4] / 'bags' / 'solid' / 'ball_two_finger.json'
+BAGS = Path(__file__).parents[4] / 'bags'
+SOLID = BAGS / 'solid' / 'ball_two_finger.json'
 COUNT_N = 0.2
 """One count of the 8-bit gauge at 50 mm."""
 
@@ -165,6 +167,28 @@ def test_force_and_displacement_of_a_curve_are_inverse(curve):
     force = curve.force(depth, 10e6, 5e3)
     np.testing.assert_allclose(curve.displacement(force, 10e6, 5e3), depth, rtol=1e-5)
     assert curve.modulus(float(force[0]), 5e-3, 5e3) == pytest.approx(10e6, rel=1e-4)
+
+
+def test_a_recorded_grasp_gives_the_forces_of_its_truth():
+    data = read_squeeze(BAGS / 'tennis_ball_two_finger')
+    solid = json.loads(SOLID.read_text())['levels']
+    truth = np.interp(
+        data.displacement,
+        [level['middle_displacement_m'] for level in solid],
+        [level['force_n'] for level in solid],
+    )
+    assert len(data.force) >= 8
+    np.testing.assert_allclose(data.force, truth, rtol=0.06)
+    # The gauge's gain is the same in all rows, and no row claims more than that by itself.
+    assert 0.01 < data.sigma_gain < 0.05
+    assert (data.sigma_force < data.sigma_gain * data.force.max()).all()
+
+
+@pytest.mark.parametrize('name', ['solid', 'published', 'nowhere.mcap'])
+def test_what_is_no_bag_is_one_sentence(capsys, name):
+    assert shell_identify.main([str(BAGS / name), '--object', 'tennis_ball']) == 1
+    error = capsys.readouterr().err
+    assert name in error and error.count('\n') == 1
 
 
 def test_command_prints_what_it_found(tmp_path, capsys):

@@ -69,14 +69,15 @@ def _read(options: argparse.Namespace) -> SqueezeData:
         from shell_deform.squeeze_bag import read_squeeze
 
         data = read_squeeze(path)
-        return replace(data, sigma_zero=options.sigma_zero, sigma_gain=options.sigma_gain)
+        gain = data.sigma_gain if options.sigma_gain is None else options.sigma_gain
+        return replace(data, sigma_zero=options.sigma_zero, sigma_gain=gain)
     table = _table(path)
     return squeeze_data(
         table,
         options.sigma_force,
         options.sigma_displacement,
         options.sigma_zero,
-        options.sigma_gain,
+        DEFAULT_SIGMA_GAIN if options.sigma_gain is None else options.sigma_gain,
     )
 
 
@@ -256,8 +257,9 @@ def _parser() -> argparse.ArgumentParser:
         help="zero of the gauge, the same error in all rows [N] (default %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        '--sigma-gain', type=float, default=DEFAULT_SIGMA_GAIN, metavar='SHARE',
-        help="relative uncertainty of the gauge's gain [-] (default %(default)s)",
+        '--sigma-gain', type=float, metavar='SHARE',
+        help="relative uncertainty of the gauge's gain [-] (default: "
+        f'{DEFAULT_SIGMA_GAIN} for a table, what its sigma_n says for a bag)',
     )  # fmt: skip
     parser.add_argument('--plot', type=Path, metavar='FILE', help='curves with bands (PNG)')
     parser.add_argument('--json', action='store_true', help='one JSON document on stdout')

@@ -148,9 +148,12 @@ def _check_size(hold: Hold, shell: TheorySet) -> None:
 def _fitted(
     shell: TheorySet, hold: Hold, undeformed: Hold | None, experiment: Experiment
 ) -> tuple[TheorySet, str]:
-    """The shell with the modulus that carries the first load at its measured displacement."""
+    """The shell with the modulus that carries the first load at its measured displacement.
+
+    That of a shell which only bends: no theory here knows the squeezed material under a pin.
+    """
     row = _row(1, hold, undeformed, shell, experiment, dict.fromkeys(THEORIES), ('koiter',))
-    depths = [profile.apex_m for profile in row.reference.profiles]
+    depths = [profile.bent_apex_m for profile in row.reference.profiles]
     if not depths or min(depths) <= 0.0:
         raise BagError(
             'the first scan under load shows no dent at the contacts to fit a modulus to; give '

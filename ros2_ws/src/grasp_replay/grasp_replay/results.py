@@ -103,6 +103,8 @@ def row_document(row: Row) -> dict[str, Any]:
                     'hidden_radius_m',
                     'deepest_seen_m',
                     'reference',
+                    'method',
+                    'bent_apex_m',
                 )
             }
             for profile in reference['profiles']  # type: ignore[attr-defined]

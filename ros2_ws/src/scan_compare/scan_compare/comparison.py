@@ -376,6 +376,7 @@ def _profile_json(profile: DentProfile) -> dict[str, object]:
         'deepest_seen_m': profile.deepest_seen_m,
         'reference': profile.reference,
         'method': profile.method,
+        'bent_apex_m': profile.bent_apex_m,
         'radius_m': profile.radius.tolist(),
         'depth_m': profile.depth.tolist(),
         'model_depth_m': [None if np.isnan(v) else float(v) for v in profile.model],

@@ -64,7 +64,9 @@ class DentProfile:
     depth at the axis and its standard deviation, which holds the scatter of the points, the pose
     of both scans and the extrapolation; extrapolated: True if the pin hid the axis up to
     hidden_radius_m; deepest_seen_m: the deepest ring mean that was seen, a lower bound.
-    reference: what depth is counted from; method: how the apex was found.
+    reference: what depth is counted from; method: how the apex was found. bent_apex_m: the
+    apex of a shell that only bends, for fits of thin-shell theory, which knows no sheared wall
+    and no squeezed material.
     """
 
     contact: np.ndarray
@@ -79,6 +81,7 @@ class DentProfile:
     deepest_seen_m: float
     reference: str
     method: str
+    bent_apex_m: float
 
 
 def contacts_of(surface: DeformedSurface) -> Contacts:
@@ -224,11 +227,10 @@ def _profile(
         return None
     seen = np.count_nonzero(radius < SEEN_RADIUS) >= SEEN_POINTS
     hidden = 0.0 if seen else float(np.quantile(radius, min(1.0, 20 / len(radius))))
-    apex = (
-        _seen_apex(across[near], depth[near])
-        if seen or wall.thickness <= 0.0
-        else _hidden_apex(across[near], depth[near], hidden, wall)
-    )
+    bent = _bent_apex(radius[near], depth[near])
+    apex = bent
+    if not seen and wall.thickness > 0.0:
+        apex = _hidden_apex(across[near], depth[near], hidden, wall)
     rings, counts, means = _rings(radius, depth)
     model_across, model_depth = axis.near(model_points, PROFILE_RADIUS, 2.0 * PROFILE_RADIUS)
     model_depth = model_depth - _monomials(model_across) @ height
@@ -247,6 +249,7 @@ def _profile(
         deepest_seen_m=float(means[full].max()) if full.any() else apex.depth,
         reference=reference,
         method=apex.method,
+        bent_apex_m=bent.depth,
     )
 
 
@@ -269,11 +272,14 @@ class _Apex:
     method: str
 
 
-def _seen_apex(across: np.ndarray, depth: np.ndarray) -> _Apex:
-    """Smooth the points around an axis that the scan saw: an even polynomial and a tilt."""
-    scaled = across / FIT_RADIUS
-    squared = np.sum(scaled**2, axis=1)
-    terms = np.column_stack((np.ones(len(depth)), scaled, squared, squared**2))
+def _bent_apex(radius: np.ndarray, depth: np.ndarray) -> _Apex:
+    """Follow Kirchhoff's plate to the axis: w0 + a r^2 + b r^2 ln r.
+
+    Timoshenko and Woinowsky-Krieger, Theory of Plates and Shells, section 19. Right where points
+    near the axis are seen; without them it is what a shell that only bends would show.
+    """
+    scaled = np.maximum(radius / FIT_RADIUS, 1e-6)
+    terms = np.column_stack((np.ones_like(scaled), scaled**2, scaled**2 * np.log(scaled)))
     solution, covariance = _trimmed_fit(terms, depth)
     return _Apex(float(solution[0]), float(np.sqrt(covariance[0, 0])), 'seen')
 

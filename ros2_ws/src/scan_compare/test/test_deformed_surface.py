@@ -12,6 +12,7 @@ from scan_compare.deformed_surface import (
 )
 from scan_compare.dent import contacts_of
 from scan_compare.distance import measure
+from scan_compare.model_file import surface_of_object
 
 OUTER_RADIUS = BALL_RADIUS + 0.5 * BALL_THICKNESS
 
@@ -40,6 +41,16 @@ def test_distances_are_signed_and_count_from_the_outer_face() -> None:
 def test_points_beyond_the_edge_of_an_open_shell_are_beside_it() -> None:
     found = measure(half_can(), np.array([[0.0, 0.033, 0.06], [0.0, 0.033, 0.0]]))
     assert found.beside.tolist() == [True, False]
+
+
+def test_control_vertices_beyond_an_edge_are_no_surface() -> None:
+    can = surface_of_object('half_soda_can')
+    assert not can.mesh.active.all()
+    end = can.samples.position[:, 2].max()
+    assert end == pytest.approx(0.06, abs=1e-3)
+    found = measure(can, np.array([[0.0, 0.033, end + 5e-3], [0.0, 0.033, end - 5e-3]]))
+    assert found.beside.tolist() == [True, False]
+    assert can.max_displacement == 0.0
 
 
 def test_the_contacts_are_the_deepest_points_of_each_dent_on_the_rest_face() -> None:

@@ -128,7 +128,7 @@ def test_failures_are_one_sentence_and_exit_code_one(
     files: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
 ) -> None:
     (files / 'few.xyz').write_text('30 0 0\n-30 0 0\n0 30 0\n0 0 30\n')
-    (files / 'nan.xyz').write_text('nan 0 0\ninf nan nan\n')
+    (files / 'nan.xyz').write_text('0 nan 0\n1 nan inf\n')
     paths = [str(files / word) if '.' in word and word[0] != '-' else word for word in arguments]
     assert main(paths) == 1
     captured = capsys.readouterr()

@@ -14,7 +14,8 @@ from shell_deform.verification.solid import SolidSphere
 MARKS = 'osD^vP*X'
 RULE = (
     'rule: at small loads a thin shell is 1.5 h / (R + h) too stiff against a solid (middle '
-    'radius R): {examples}; a third to a half of it is gone in a dent as deep as the wall is thick'
+    'radius R): {examples}; from R/h 12 on a quarter to a half of it is gone in a dent as deep as '
+    'the wall is thick'
 )
 
 

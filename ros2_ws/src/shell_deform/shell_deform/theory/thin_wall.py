@@ -21,8 +21,8 @@ def excess_stiffness(thickness_over_radius: float) -> float:
     """Share by which a thin shell is stiffer than a solid, under a pin at small loads.
 
     1.5 h / (R + h) for a middle radius R: 11 % at R/h 12.5, 5 % at 29, 1.5 % at 100. It is the
-    largest share: in a dent as deep as the wall is thick a third to a half of it is gone.
-    Measured on nearly incompressible spheres under pins of 0.23 sqrt(R h).
+    largest share: from R/h 12 on a quarter to a half of it is gone in a dent as deep as the wall
+    is thick. Measured on nearly incompressible spheres under pins of 0.23 sqrt(R h).
     """
     return EXCESS * thickness_over_radius / (1.0 + thickness_over_radius)
 

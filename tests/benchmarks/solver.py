@@ -1,11 +1,11 @@
 """The shell solver: accuracy and processor time beside Kratos, MuJoCo and CalculiX.
 
-`python tests/benchmarks/solver.py`. Kratos and MuJoCo run from the environment of `make
-bench-peers`, or where the interpreter named by PEER_PYTHON has them. Kratos' corotational triangles
-use engineering strain, so they are held against the independent solution of that measure (Reissner)
-and ours against Koiter's: same pin, same traction, same 24 steps. MuJoCo's shell and CalculiX's solid
-are held against Koiter. `--picture FILE` draws accuracy against unknowns and processor time; `--large`
-adds 10 242 vertices and Kratos on the whole ball.
+`python tests/benchmarks/solver.py`. Kratos and MuJoCo run from the environment of `make bench-
+peers`, or where the interpreter named by PEER_PYTHON has them. Kratos' corotational triangles use
+engineering strain, so they are held against the independent solution of that measure (Reissner)
+and ours against Koiter's: same pin, same traction, same 24 steps. MuJoCo's shell and CalculiX's
+solid are held against Koiter. `--picture FILE` draws accuracy against unknowns and processor
+time; `--large` adds 10 242 vertices and Kratos on the whole ball.
 """
 
 from __future__ import annotations

@@ -24,6 +24,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh as MeshMessage
 from std_msgs.msg import Bool, Float64, String
@@ -346,9 +347,13 @@ class GraspView(Node):
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the page until it is told to stop; 1 if it cannot be served."""
-    if {'-h', '--help'} & set(sys.argv[1:] if arguments is None else arguments):
+    given = remove_ros_args(sys.argv[1:] if arguments is None else arguments)
+    if {'-h', '--help'} & set(given):
         print(usage())
         return 0
+    if given:
+        print(f'grasp_view: unknown argument {given[0]!r}; see --help', file=sys.stderr)
+        return 2
     rclpy.init(args=arguments)
     node: GraspView | None = None
     code = 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import queue
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,7 +29,7 @@ class ReplayPanel:
 
     def __init__(self, server: viser.ViserServer, command: Callable[[str], None]) -> None:
         gui = server.gui
-        self._wanted: float | None = None
+        self._wanted: queue.SimpleQueue[float] = queue.SimpleQueue()
         self._touched = 0.0
         self._folder = gui.add_folder('Replay', visible=False)
         with self._folder:
@@ -44,20 +46,25 @@ class ReplayPanel:
         # Our own updates of the slider come without a client.
         if event.client is not None:
             self._touched = time.monotonic()
-            self._wanted = float(self._slider.value)
+            self._wanted.put(float(self._slider.value))
 
     def take_wanted(self) -> float | None:
         """The time (s) somebody dragged the slider to since the last call, else None."""
-        wanted, self._wanted = self._wanted, None
+        wanted = None
+        while not self._wanted.empty():
+            wanted = self._wanted.get()
         return wanted
 
     def show(self, state: ReplayState | None) -> None:
-        """Follow the replay; None hides the folder."""
+        """Follow the replay; None, or one of unknown length, hides the folder."""
+        if state is not None and not math.isfinite(state.duration):
+            state = None
         if self._folder.visible != (state is not None):
             self._folder.visible = state is not None
         if state is None:
             return
-        longest = max(round(state.duration, 2), 0.01)
+        # Rounded down: the recording has nothing behind its end.
+        longest = max(math.floor(100 * state.duration) / 100, 0.01)
         if self._slider.max != longest:
             self._slider.max = longest
         place = round(min(max(state.position, 0.0), longest), 2)

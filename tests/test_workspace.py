@@ -32,6 +32,19 @@ def test_every_executable_of_the_contract_is_in_the_environment(package, name):
     assert os.access(path, os.X_OK)
 
 
+@pytest.mark.parametrize(('package', 'name'), ALL)
+def test_every_executable_refuses_an_option_it_does_not_know(package, name):
+    asked = subprocess.run(
+        [Path(sys.executable).parent / name, '--no-such-option'],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert asked.returncode == 2, asked.stderr
+    assert '--no-such-option' in asked.stderr or 'required' in asked.stderr
+
+
 @pytest.mark.parametrize('lock', ['lock.txt', 'lock-cell.txt'])
 def test_locks_are_hashed_and_name_no_index(lock):
     text = (ROOT / 'requirements' / lock).read_text()

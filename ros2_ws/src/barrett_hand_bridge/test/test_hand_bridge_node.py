@@ -392,12 +392,6 @@ def test_a_bridge_that_cannot_work_ends_with_one_sentence(
     assert 'Traceback' not in node.text
 
 
-def test_an_unknown_argument_is_refused(start):
-    node = start('hand_bridge', '--port', '/dev/ttyUSB0')
-    assert node.process.wait(40.0) == 2
-    assert "unknown argument '--port'" in node.text
-
-
 @pytest.mark.timeout(120)
 def test_the_calibration_of_another_hand_is_refused(start, calibration):
     port, _ = emulated(start, '--unpaced', '--seed', '99')

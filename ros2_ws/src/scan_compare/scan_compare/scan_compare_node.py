@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
 from std_msgs.msg import Float64
@@ -334,9 +335,13 @@ class ScanCompareNode(Node):
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the node until it is told to stop; returns the exit code."""
-    if {'-h', '--help'} & set(sys.argv[1:] if arguments is None else arguments):
+    given = remove_ros_args(sys.argv[1:] if arguments is None else arguments)
+    if {'-h', '--help'} & set(given):
         print(parameters.usage())
         return 0
+    if given:
+        print(f'scan_compare: unknown argument {given[0]!r}; see --help', file=sys.stderr)
+        return 2
     rclpy.init(args=arguments)
     try:
         node = ScanCompareNode()

@@ -273,21 +273,22 @@ def throughput(folder: Path) -> Iterator[Row]:
 
 def identical(folder: Path, runs: int) -> Iterator[Row]:
     """`results.json` of the ball and the can, on one, two and three processes in turn."""
-    digests: dict[str, set[str]] = {}
+    digests: dict[Path, list[str]] = {BALL: [], CAN: []}
     for number in range(runs):
         out = folder / f'run_{number}'
         subprocess.run(
-            [BIN / 'grasp_report', BALL, CAN, '--out', out, '--no-page', '--no-samples']
+            [BIN / 'grasp_report', *digests, '--out', out, '--no-page', '--no-samples']
             + ['--processes', str(1 + number % 3)],
             check=True,
             stdout=subprocess.DEVNULL,
         )
-        for file in out.glob('*/results.json'):
-            digest = hashlib.sha256(file.read_bytes()).hexdigest()
-            digests.setdefault(file.parent.name, set()).add(digest)
-    for name, found in sorted(digests.items()):
-        what = f'results.json of {name[: name.rindex("_")]}, {runs} runs on 1 to 3 processes'
-        yield Row(what, f'{len(found)} different', '1', len(found) == 1)
+        for bag, found in digests.items():
+            (file,) = out.glob(f'{bag.name}_*/results.json')
+            found.append(hashlib.sha256(file.read_bytes()).hexdigest())
+    for bag, found in digests.items():
+        what = f'results.json of {bag.name}, {runs} runs on 1 to 3 processes'
+        different = len(set(found))
+        yield Row(what, f'{different} different', '1', different == 1)
 
 
 def live(runs: int) -> Iterator[Row]:

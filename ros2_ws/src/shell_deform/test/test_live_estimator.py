@@ -111,6 +111,21 @@ def test_sigma_grows_with_the_error_of_a_solver_that_is_left_behind(model, truth
     assert 0.5 * real < served.packed[:, 7].max() < 8.0 * real
 
 
+def test_gauges_do_not_outvote_encoders_where_the_tangent_is_left_behind(model, truth):
+    errors = {}
+    for drive in ('motion', 'fused'):
+        pipeline = live_hand.pipeline(
+            model, ErrorModel(drive=drive, mounting=1e-6, modulus=1e-3, model=0.0)
+        )
+        for depth in (2e-3, 2.5e-3):
+            force, _ = truth.at(depth)
+            pipeline.settle(squeeze(force, depth))
+        force, surface = truth.at(4.5e-3)
+        served = pipeline.tick(squeeze(force, 4.5e-3, stamp=3))
+        errors[drive] = error(served.packed, surface)
+    assert errors['fused'] < 1.2 * errors['motion'] + 1e-5
+
+
 def test_new_contacts_on_a_shell_at_rest_already_know_their_second_order(model, truth):
     force, _ = truth.at(1e-5)
     pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))

@@ -104,6 +104,7 @@ class Adopted:
         self.bend_offset = float(record['bend_offset'])
         self.bend_reach = float(record['bend_reach'])
         self.third_reach = float(record['third_reach'])
+        self.push_bend = record['push_bend'][:k].copy()
         along = np.einsum('ni,ni->n', slot.normals, slot.bend)
         self.worst_bend = float(np.abs(along).max(initial=0.0))
         self.worst_third = float(slot.third.max(initial=0.0))
@@ -307,6 +308,11 @@ class Estimator:
         else:
             index = np.minimum(np.searchsorted(sample.finger, fingers), len(sample.finger) - 1)
             present = sample.finger[index] == fingers
+        # The tangent does not know how the push bends away from it on the way: over a long step
+        # a gauge would otherwise outvote the encoders with the error of the tangent.
+        step = sample.travel[index] + adopted.response.travel_offset
+        step = np.where(present, step - adopted.response.displacement, 0.0)
+        bent = adopted.push_bend * float(np.nansum(step * step))
         lateral = adopted.response.lateral @ self.pose_in_use.rotation.T
         force = sample.force[index]
         return Measured(
@@ -314,7 +320,7 @@ class Estimator:
             flags=sample.flags[index],
             present=present,
             push=np.einsum('pi,pi->p', force, sample.normal[index]),
-            sigma_push=sample.sigma_normal[index],
+            sigma_push=np.hypot(sample.sigma_normal[index], bent),
             travel=sample.travel[index],
             sigma_travel=sample.sigma_travel[index],
             tangential=np.einsum('pi,pi->p', lateral, force.repeat(2, axis=0)),

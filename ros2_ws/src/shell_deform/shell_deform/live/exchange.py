@@ -89,6 +89,7 @@ RESULT = np.dtype(
         ('bend_offset', '<f8'),
         ('bend_reach', '<f8'),
         ('third_reach', '<f8'),
+        ('push_bend', '<f8', MAX_CONTACTS),
         ('pose', '<f8', 7),
         ('pose_covariance', '<f8', (6, 6)),
         ('message', 'S200'),

@@ -42,19 +42,22 @@ class SmallLoads:
     fields: Array
     second_fields: Array
 
-    def bend(self, direction: Array, driven: NDArray[np.bool_]) -> Array:
-        """(N,) second-order motion [1/m] per squared step of the contacts along `direction` (k,).
+    def bend(self, direction: Array, driven: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Second order per squared step of the contacts along `direction` (k,).
 
-        The pushes of `driven` contacts adapt, so that their centres keep to the step.
+        Returns the motion (N,) [1/m] and the change of the pushes (k,) [N/m^2]: those of `driven`
+        contacts adapt, so that their centres keep to the step.
         """
         force = np.asarray(np.linalg.lstsq(self.compliance, direction, rcond=None)[0], float)
         products = pair_products(force)
         bend: Array = self.second_fields @ products
+        push = np.zeros(len(force))
         if driven.any():
             beyond = (self.second_order @ products)[driven]
             less = np.linalg.lstsq(self.compliance[np.ix_(driven, driven)], beyond, rcond=None)[0]
             bend = bend - self.fields[:, driven] @ less
-        return bend
+            push[driven] = -less
+        return bend, push
 
 
 def pair_products(force: Array) -> Array:

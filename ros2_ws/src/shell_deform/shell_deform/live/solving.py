@@ -65,6 +65,7 @@ class LiveSolver:
         self._third = np.zeros(self._size)
         self._bend_direction = np.zeros(0)
         self._bend_reach = 0.0
+        self._push_bend = np.zeros(0)
         self._small: SmallLoads | None = None
         self._linear_columns = np.zeros((self._size, 3, 0))
         self._placement: Placement | None = None
@@ -189,6 +190,7 @@ class LiveSolver:
         record['bend_direction'][:k] = self._bend_direction if known else 0.0
         record['bend_offset'] = float(self._bend_direction @ since) if known else 0.0
         record['bend_reach'] = self._bend_reach
+        record['push_bend'][:k] = self._push_bend if len(self._push_bend) == k else 0.0
         record['third_reach'] = THIRD_REACH * self._wall
         record['rigid_scale'] = np.sqrt(self._size)
         j = condensed.fields.shape[1]
@@ -262,6 +264,7 @@ class LiveSolver:
         self._inputs_at = None
         self._bend, self._third = np.zeros((self._size, 3)), np.zeros(self._size)
         self._bend_direction, self._bend_reach = np.zeros(0), 0.0
+        self._push_bend = np.zeros(0)
         self._small = None
         if rows.contacts and self._unloaded is not None:
             system = self.tracker.rest_system(self._unloaded, rows)
@@ -317,9 +320,9 @@ class LiveSolver:
         """Second order of new contacts: exact for a shell at rest, elsewhere for the error."""
         count = len(small.compliance)
         direction = np.full(count, 1.0 / np.sqrt(count))
-        bend = self._to_limit(small.bend(direction, self._driven(self._load))[:, None])[:, :, 0]
-        self._bend = bend
-        self._third = THIRD_FLOOR / self._wall * np.linalg.norm(bend, axis=1)
+        bend, self._push_bend = small.bend(direction, self._driven(self._load))
+        self._bend = self._to_limit(bend[:, None])[:, :, 0]
+        self._third = THIRD_FLOOR / self._wall * np.linalg.norm(self._bend, axis=1)
         if self._nearly_at_rest():
             self._bend_direction = direction
             self._bend_reach = SHORTEST_REACH * self._wall
@@ -339,8 +342,12 @@ class LiveSolver:
         if step < SMALLEST_STEP * self._wall:
             return
         change = self.model.surface.limit_matrix @ (moved - old_state).reshape(-1, 3)
-        before = old_columns @ self._inputs_for(old, steps, inputs)
-        after = self._limit_columns @ self._inputs_for(self._condensed, steps, inputs)
+        inputs_before = self._inputs_for(old, steps, inputs)
+        inputs_after = self._inputs_for(self._condensed, steps, inputs)
+        push_bend = (2.0 * inputs_after + inputs_before - 3.0 * inputs) / step**2
+        self._push_bend = push_bend[: len(steps)]
+        before = old_columns @ inputs_before
+        after = self._limit_columns @ inputs_after
         self._bend = (2.0 * after + before - 3.0 * change) / step**2
         third = np.linalg.norm((after + before - 2.0 * change) / step**3, axis=1)
         floor = THIRD_FLOOR / self._wall * np.linalg.norm(self._bend, axis=1)

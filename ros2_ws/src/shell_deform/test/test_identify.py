@@ -220,6 +220,20 @@ def test_a_table_that_cannot_be_read_is_one_sentence(tmp_path, capsys, content, 
     assert message in error and error.count('\n') == 1
 
 
+def test_wrong_numbers_are_wrong_arguments(capsys):
+    for option in ('--pin-radius=0', '--sigma-force=-1', '--sigma-zero=-1', '--sigma-gain=nan'):
+        with pytest.raises(SystemExit) as caught:
+            shell_identify.main(['squeeze.csv', '--object', 'tennis_ball', option])
+        assert caught.value.code == 2
+        assert option.split('=')[0] in capsys.readouterr().err
+
+
+def test_a_plot_without_a_folder_fails_before_the_work(tmp_path, capsys):
+    plot = str(tmp_path / 'nowhere' / 'fit.png')
+    assert shell_identify.main(['x.csv', '--object', 'tennis_ball', '--plot', plot]) == 1
+    assert 'no such folder' in capsys.readouterr().err
+
+
 def test_a_missing_file_is_one_sentence(capsys):
     assert shell_identify.main(['nothing.csv', '--object', 'tennis_ball']) == 1
     assert 'nothing.csv does not exist' in capsys.readouterr().err

@@ -40,6 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _identify(options: argparse.Namespace) -> None:
+    if options.plot and not options.plot.resolve().parent.is_dir():
+        raise CommandError(f'--plot {options.plot}: there is no such folder')
     data = _read(options)
     shell_object = load_object(options.object)
     curve = ForceCurve(shell_object, options.pin_radius)
@@ -87,7 +89,9 @@ def _table(path: Path) -> np.ndarray:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore', UserWarning)
             table = np.genfromtxt(path, delimiter=',', comments='#', ndmin=2)
-    except (ValueError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise CommandError(f'{path}: no text; give a CSV table or a bag') from error
+    except ValueError as error:
         lines = ' '.join(str(error).split())
         raise CommandError(f'{path}: rows differ in their number of columns: {lines}') from error
     if len(table) and np.isnan(table[0]).all():
@@ -225,6 +229,20 @@ def _plot(
     plt.close(figure)
 
 
+def _above_zero(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < np.inf:
+        raise argparse.ArgumentTypeError(f'{text} is not above zero')
+    return value
+
+
+def _not_negative(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value < np.inf:
+        raise argparse.ArgumentTypeError(f'{text} is negative')
+    return value
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='shell_identify',
@@ -237,7 +255,7 @@ def _parser() -> argparse.ArgumentParser:
         'contact, or a bag with hand/contacts that carry travel',
     )
     parser.add_argument('--object', required=True, help='name or object file; see shell_objects')
-    parser.add_argument('--pin-radius', type=float, metavar='M', help='contact radius [m]')
+    parser.add_argument('--pin-radius', type=_above_zero, metavar='M', help='contact radius [m]')
     parser.add_argument(
         '--pressure', action='store_true', help='identify the gauge pressure [Pa] too'
     )
@@ -245,19 +263,20 @@ def _parser() -> argparse.ArgumentParser:
         '--fit-rows', type=int, metavar='N', help='smallest loads to cross-validate from'
     )
     parser.add_argument(
-        '--sigma-force', type=float, default=DEFAULT_SIGMA_FORCE_N, metavar='N',
+        '--sigma-force', type=_above_zero, default=DEFAULT_SIGMA_FORCE_N, metavar='N',
         help='gauge uncertainty [N] where the table has none (default %(default)s)',
     )  # fmt: skip
     parser.add_argument(
-        '--sigma-displacement', type=float, default=DEFAULT_SIGMA_DISPLACEMENT_M, metavar='M',
+        '--sigma-displacement', type=_above_zero, default=DEFAULT_SIGMA_DISPLACEMENT_M,
+        metavar='M',
         help='displacement uncertainty [m] where the table has none (default %(default)s)',
     )  # fmt: skip
     parser.add_argument(
-        '--sigma-zero', type=float, default=DEFAULT_SIGMA_ZERO_N, metavar='N',
+        '--sigma-zero', type=_not_negative, default=DEFAULT_SIGMA_ZERO_N, metavar='N',
         help="zero of the gauge, the same error in all rows [N] (default %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        '--sigma-gain', type=float, metavar='SHARE',
+        '--sigma-gain', type=_not_negative, metavar='SHARE',
         help="relative uncertainty of the gauge's gain [-] (default: "
         f'{DEFAULT_SIGMA_GAIN} for a table, what its sigma_n says for a bag)',
     )  # fmt: skip

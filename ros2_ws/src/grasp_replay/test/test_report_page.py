@@ -341,6 +341,16 @@ def test_a_phone_does_not_scroll_sideways(open_tab, page: Path) -> None:
 
 
 @pytest.mark.chromium
+def test_the_whole_table_is_on_a_printed_sheet(open_tab, page: Path) -> None:
+    # A4 less one centimetre on both sides, in CSS pixels.
+    tab = open_tab(718, 1050)
+    tab.goto(page.as_uri())
+    tab.emulate_media(media='print')
+    box = tab.locator('#comparison').bounding_box()
+    assert box is not None and box['x'] >= 0.0 and box['x'] + box['width'] <= 718
+
+
+@pytest.mark.chromium
 def test_printing_gives_pages_with_the_pictures(open_tab, page: Path) -> None:
     tab = open_tab(1200, 900)
     tab.goto(page.as_uri())

@@ -13,7 +13,15 @@ from rich.table import Table
 
 from shell_deform.commands import solid_check
 from shell_deform.commands.console import CommandError, print_json, progress, run
-from shell_deform.verification import closed_forms, linear_course, snap, solid, spheres, sze
+from shell_deform.verification import (
+    closed_forms,
+    linear_course,
+    plates,
+    snap,
+    solid,
+    spheres,
+    sze,
+)
 from shell_deform.verification.problem import Verified
 
 Problems = Callable[[], Iterator[Verified]]
@@ -24,6 +32,7 @@ GROUPS: dict[str, Problems] = {
     'sze': sze.problems,
     'snap': snap.problems,
     'spheres': spheres.problems,
+    'plates': plates.problems,
 }
 
 

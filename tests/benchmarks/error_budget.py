@@ -103,25 +103,35 @@ def budget_of(outcome: Outcome, number: int) -> Budget:
     return error_budget(make_scan, models)
 
 
-def rows() -> Iterator[tuple[str, str, str]]:
-    """The budget of every load as (what, value, goal)."""
+def budgets() -> Iterator[tuple[LoadedRow, Budget]]:
+    """Every load of the recording and its budget."""
     outcome = run(BAG, PipelineOptions())
     for load in outcome.rows:
-        for line in budget_of(outcome, load.number).rows:
-            dent = '-' if line.dent_mean_error_m is None else f'{1e3 * line.dent_mean_error_m:.3f}'
-            yield (
-                f'load {load.number} ({load.force:.1f} N), {line.cause}',
-                f'mean {1e3 * line.mean_error_m:.3f}, dent {dent}, '
-                f'share {1e3 * line.share_m:+.3f} mm',
-                '',
-            )
+        yield load, budget_of(outcome, load.number)
+
+
+def as_table(found: list[tuple[LoadedRow, Budget]]) -> str:
+    """Budgets side by side: mean over the scan / over the dent [mm], as in docs/accuracy.md."""
+    lines = ['| | ' + ' | '.join(f'{load.force:.1f} N' for load, _ in found) + ' |']
+    lines.append('|---' * (1 + len(found)) + '|')
+    for kind in zip(*(budget.rows for _, budget in found), strict=True):
+        cells = [f'{1e3 * row.mean_error_m:.3f} / {_milli(row.dent_mean_error_m)}' for row in kind]
+        lines.append(f'| {kind[0].cause} | ' + ' | '.join(cells) + ' |')
+    return '\n'.join(lines)
+
+
+def _milli(metres: float | None) -> str:
+    return '-' if metres is None else f'{1e3 * metres:.3f}'
 
 
 def main() -> None:
-    """Print the table."""
+    """Print each load's budget as it comes, then all of them side by side."""
     argparse.ArgumentParser(description=__doc__).parse_args()
-    for what, value, _ in rows():
-        print(f'{what:42s} {value}', flush=True)
+    found = []
+    for load, budget in budgets():
+        found.append((load, budget))
+        print(f'load {load.number}, {load.force:.1f} N\n{budget.text()}', flush=True)
+    print(as_table(found))
 
 
 if __name__ == '__main__':

@@ -127,20 +127,20 @@ def mutations(folder: Path, count: int) -> Iterator[Row]:
     slowest = 0.0
     for _ in range(count):
         content, start, end = damage(source.content, generator)
-        begin = time.perf_counter()
+        begin = time.process_time()
         try:
             _, found = recovered(content)
         except Exception:
             crashes += 1
             continue
-        slowest = max(slowest, time.perf_counter() - begin)
+        slowest = max(slowest, time.process_time() - begin)
         missing += not untouched(source, start, end) <= found
         invented += not found <= everything
     what = f'{count} mutations of {len(source.content) // 1024} KB'
     yield Row(f'{what}: crashes', str(crashes), '0', crashes == 0)
     yield Row(f'{what}: with a whole chunk missing', str(missing), '0', missing == 0)
     yield Row(f'{what}: with invented messages', str(invented), '0', invented == 0)
-    yield Row(f'{what}: slowest scan', f'{1e3 * slowest:.0f} ms', '<= 5 s', slowest <= 5.0)
+    yield Row(f'{what}: slowest scan', f'{1e3 * slowest:.0f} ms', '<= 1 s', slowest <= 1.0)
 
 
 LISTENER = """

@@ -132,13 +132,15 @@ def test_on_a_solid_the_bias_is_a_term_of_the_model(curve):
 
 
 @pytest.mark.parametrize('gauge', [0.2e5, 0.8e5])
-def test_pressure_of_a_blown_ball_is_recovered_by_eight_bit_gauges(curve, gauge):
-    depth = np.array([0.7e-3, 1.5e-3, 3e-3, 5e-3, 7e-3, 9e-3])
+def test_pressure_of_a_blown_ball_is_recovered_by_eight_bit_gauges(ball, gauge):
+    # Truth and fit share their mesh, so a coarse one will do.
+    curve = ForceCurve(ball, control_vertices=150)
+    depth = np.array([0.7e-3, 2e-3, 4e-3, 6e-3, 9e-3])
     generator = np.random.default_rng(3)
-    force = curve.force(depth, 9e6, gauge) + 0.1 * generator.normal(size=6)
+    force = curve.force(depth, 9e6, gauge) + 0.1 * generator.normal(size=5)
     force = COUNT_N * np.round(force / COUNT_N)
-    data = SqueezeData(force, depth, np.full(6, 0.11), np.full(6, 2e-5))
-    found = identify(curve, data, pressure=True, start=(12e6, 5e4))
+    data = SqueezeData(force, depth, np.full(5, 0.11), np.full(5, 2e-5))
+    found = identify(curve, data, pressure=True, start=(10e6, 5e4))
     assert found.values[1] == pytest.approx(gauge, rel=0.1)
     assert found.values[0] == pytest.approx(9e6, rel=0.1)
 

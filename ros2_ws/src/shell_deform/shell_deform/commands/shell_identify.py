@@ -190,26 +190,26 @@ def _plot(
     matplotlib.use('Agg')
     import matplotlib.pyplot as plt
 
-    depth = np.linspace(0.02, 1.1, 24) * data.displacement.max()
+    depth = np.linspace(0.02, 1.1, 16) * data.displacement.max()
     young = float(found.values[0])
+    own = curve.shell_object.gas.gauge_pressure_pa
+    gauge = float(found.values[1]) if len(found.values) > 1 else own
+    here = curve.force(depth, young, gauge)
+    # Forces are linear in the modulus but for how the gas bends the shell.
+    per_modulus = (curve.force(depth, 1.05 * young, gauge) - here) / (0.05 * young)
     figure, axes = plt.subplots(figsize=(6.5, 4.5), dpi=140)
     lines = [(found, 'fitted on all rows', '-', '#00457c')]
     if held_out is not None:
         lines.append((held_out[0], 'predicted from the small loads', '--', '#c05a00'))
     for fit, label, style, colour in lines:
-        own = curve.shell_object.gas.gauge_pressure_pa
-        gauge = float(fit.values[1]) if len(fit.values) > 1 else own
-        value = float(fit.values[0])
-        low, high = fit.interval('young_modulus_pa')
-        axes.fill_between(
-            1e3 * depth,
-            curve.force(depth, max(low, 1e-3 * value), gauge),
-            curve.force(depth, high, gauge),
-            alpha=0.25,
-            color=colour,
-            label=f'90 % band, {label}',
+        middle, low, high = (
+            here + per_modulus * (value - young)
+            for value in (float(fit.values[0]), *fit.interval('young_modulus_pa'))
         )
-        axes.plot(1e3 * depth, curve.force(depth, value, gauge), style, color=colour, label=label)
+        axes.fill_between(
+            1e3 * depth, low, high, alpha=0.25, color=colour, label=f'90 % band, {label}'
+        )
+        axes.plot(1e3 * depth, middle, style, color=colour, label=label)
     axes.errorbar(
         1e3 * data.displacement,
         data.force - found.zero_force,

@@ -187,7 +187,7 @@ def page_rows() -> Iterator[Row]:
     def diagnostics(message: DiagnosticArray) -> None:
         for status in message.status:
             for pair in status.values:
-                if pair.key == 'pictures in the last second':
+                if pair.key == 'surfaces drawn in the last second':
                     counted.append(int(pair.value))
 
     node.create_subscription(DiagnosticArray, '/diagnostics', diagnostics, 10)

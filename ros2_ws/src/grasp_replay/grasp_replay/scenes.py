@@ -138,9 +138,9 @@ def _solved_curve(outcome: Outcome, theory: str) -> list[tuple[float, float]]:
     """(displacement [m], force [N]) from nothing to the largest load that the theory carries."""
     last = max(outcome.rows, key=lambda row: row.force)
     found, state = [(0.0, 0.0)], None
-    for share in np.linspace(0.0, 1.0, 1 if theory == 'linear' else CURVE_STEPS, endpoint=False)[
-        1:
-    ]:
+    # A straight line needs no points between its ends.
+    steps = 1 if theory == 'linear' else CURVE_STEPS
+    for share in np.linspace(0.0, 1.0, steps, endpoint=False)[1:]:
         solved = outcome.shell.solve(theory, last.patches, share * last.contacts.push, state)
         if solved.surface is None:
             return found

@@ -116,7 +116,7 @@ class GraspView(Node):
         self._replay = ReplayState(0.0, float('nan'))
         self._replay_at = float('-inf')
         self._polled: list[tuple[Any, Take, Take]] = []
-        self._updates = 0
+        self._drawn = 0
         self._subscribe()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.page = Page(
@@ -293,7 +293,7 @@ class GraspView(Node):
         self._run_commands()
         if self.page.watched:
             told = time.monotonic() - self._replay_at < REPLAY_GONE_S
-            self._updates += self.page.update(self._snapshot, self._replay if told else None)
+            self.page.update(self._snapshot, self._replay if told else None)
 
     def _remember(self) -> None:
         snapshot = self._snapshot
@@ -321,7 +321,7 @@ class GraspView(Node):
         self._calls.tick()
 
     def _diagnose(self) -> None:
-        clients = len(self.page.server.get_clients())
+        clients, drawn = len(self.page.server.get_clients()), self.page.scene.drawn
         status = DiagnosticStatus(
             level=DiagnosticStatus.OK,
             name=f'{self.get_fully_qualified_name()}: page',
@@ -329,11 +329,11 @@ class GraspView(Node):
             hardware_id='',
             values=[
                 KeyValue(key='browsers', value=str(clients)),
-                KeyValue(key='pictures in the last second', value=str(self._updates)),
+                KeyValue(key='surfaces drawn in the last second', value=str(drawn - self._drawn)),
                 KeyValue(key='pictures kept', value=str(len(self._history))),
             ],
         )
-        self._updates = 0
+        self._drawn = drawn
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)

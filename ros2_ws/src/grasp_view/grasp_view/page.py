@@ -122,7 +122,6 @@ class Page:
         self.scene = SceneView(self.server, self._windows)
         self._command = command
         self._legend_text = self._state_text = ''
-        self._drawn: Legend | None = None
         self._next_plot = self._next_text = 0.0
         self._build(buttons)
         self._plots: dict[int, PlotPanel] = {}
@@ -222,24 +221,19 @@ class Page:
         """Whether any browser is connected."""
         return bool(self.server.get_clients())
 
-    def update(self, snapshot: Snapshot, replay: ReplayState | None) -> bool:
-        """Show `snapshot`, or the remembered one under the time slider; and where a replay is.
-
-        Returns whether the surface was drawn anew.
-        """
+    def update(self, snapshot: Snapshot, replay: ReplayState | None) -> None:
+        """Show `snapshot`, or the remembered one under the time slider; and where a replay is."""
         now = time.monotonic()
         self.replay.show(replay)
         if not self._live.value:
             snapshot = self._history.at(self._left_at + float(self._back.value)) or snapshot
         legend = self.scene.draw(snapshot, self.options)
-        anew, self._drawn = legend is not self._drawn, legend
         if now >= self._next_text:
             self._next_text = now + TEXT_PERIOD_S
             self._write(snapshot, legend)
         if now >= self._next_plot:
             self._next_plot = now + PLOT_PERIOD_S
             self._draw_plots()
-        return anew
 
     def _draw_plots(self) -> None:
         clients = self.server.get_clients()

@@ -84,9 +84,10 @@ class Legend:
 
 
 class SceneView:
-    """Bodies of one page; `draw` is called with every new snapshot."""
+    """Bodies of one page; `draw` is called with every new snapshot, `drawn` counts surfaces."""
 
     def __init__(self, server: viser.ViserServer, windows: Windows) -> None:
+        self.drawn = 0
         self._server = server
         self._scene = server.scene
         self._scene.set_up_direction('+z')
@@ -176,6 +177,7 @@ class SceneView:
         step = self._show_depth_lines(fine, faces, surface, options)
         gaps = values is None or not bool(np.isfinite(values).all())
         self._legend = Legend(quantity, top, most, step, gaps)
+        self.drawn += 1
         return self._legend
 
     def _smooth(self, mesh: Mesh) -> SmoothFaces:

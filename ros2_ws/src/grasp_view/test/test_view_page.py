@@ -246,11 +246,11 @@ def view(start, port: int):
 
 
 def picture(tab) -> np.ndarray:
-    """The pixels between the two panels, (h, w, 3)."""
+    """The pixels between the two panels, below the notice of software rendering, (h, w, 3)."""
     # Software rendering and the test share the processor: let the page work in between.
     tab.wait_for_timeout(150)
     shot = tab.screenshot()
-    scene = Image.open(io.BytesIO(shot)).convert('RGB').crop((310, 150, 670, 640))
+    scene = Image.open(io.BytesIO(shot)).convert('RGB').crop((310, 200, 670, 640))
     return np.asarray(scene).astype(int)
 
 

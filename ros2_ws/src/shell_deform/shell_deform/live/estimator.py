@@ -7,7 +7,7 @@ known of the errors. It allocates only small arrays and never waits.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 
 BEND_REACH = 3.0
 """The second-order field is trusted to this many times the step it was measured over."""
+
+WIDEST_GAUGE = 1.0
+"""However far the tangent is left behind, a gauge stays better than this [N]."""
 
 UNKNOWN_DENT = 5e-3
 """What a contact of unknown travel may have dented before anything is known of it [m]."""
@@ -126,6 +129,17 @@ class Adopted:
         rest = float(moved @ moved) - used * used
         return value, max(rest, 0.0), abs(self._cube(offset + along) - self._cube(offset))
 
+    def doubted(self, measured: Measured) -> Measured:
+        """The same with wider gauges.
+
+        The tangent does not know how the push bends away from it: over a long step a gauge would
+        outvote the encoders with the error of the tangent.
+        """
+        step = measured.travel + self.response.travel_offset - self.response.displacement
+        square = float(np.nansum(np.where(measured.present, step * step, 0.0)))
+        bent = np.minimum(np.abs(self.push_bend) * square, WIDEST_GAUGE)
+        return replace(measured, sigma_push=np.hypot(measured.sigma_push, bent))
+
     def _cube(self, step: float) -> float:
         """Third power of a short step [m^3], growing less for one beyond `third_reach`."""
         return step**3 / (1.0 + abs(step) / self.third_reach)
@@ -186,7 +200,7 @@ class Estimator:
             return self._serve_rest(merged)
         response = adopted.response
         measured = self._measured(adopted, merged)
-        posterior = fuse(self.settings.errors, response, measured)
+        posterior = fuse(self.settings.errors, response, adopted.doubted(measured))
         self.posterior, self.measured = posterior, measured
         k = len(adopted.fingers)
         inputs = posterior.inputs
@@ -308,11 +322,6 @@ class Estimator:
         else:
             index = np.minimum(np.searchsorted(sample.finger, fingers), len(sample.finger) - 1)
             present = sample.finger[index] == fingers
-        # The tangent does not know how the push bends away from it on the way: over a long step
-        # a gauge would otherwise outvote the encoders with the error of the tangent.
-        step = sample.travel[index] + adopted.response.travel_offset
-        step = np.where(present, step - adopted.response.displacement, 0.0)
-        bent = adopted.push_bend * float(np.nansum(step * step))
         lateral = adopted.response.lateral @ self.pose_in_use.rotation.T
         force = sample.force[index]
         return Measured(
@@ -320,7 +329,7 @@ class Estimator:
             flags=sample.flags[index],
             present=present,
             push=np.einsum('pi,pi->p', force, sample.normal[index]),
-            sigma_push=np.hypot(sample.sigma_normal[index], bent),
+            sigma_push=sample.sigma_normal[index],
             travel=sample.travel[index],
             sigma_travel=sample.sigma_travel[index],
             tangential=np.einsum('pi,pi->p', lateral, force.repeat(2, axis=0)),

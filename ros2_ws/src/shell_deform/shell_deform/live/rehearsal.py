@@ -34,6 +34,11 @@ class Rehearsal:
 
     def refresh(self) -> None:
         """Let the solver answer the last tick, and adopt its result."""
+        self.solve()
+        self.adopt()
+
+    def solve(self) -> None:
+        """Let the solver answer the last tick."""
         request = np.zeros(1, REQUEST)
         self.estimator.fill_request(request[0])
         self._sequence += 1
@@ -43,6 +48,9 @@ class Rehearsal:
         index = self.memory.free_slot()
         self.solver.fill(self.memory.slots[index])
         self.memory.publish(index, self._sequence)
+
+    def adopt(self) -> None:
+        """Let the ticks to come start from the solver's last answer."""
         self.estimator.adopt(self.memory.take())
 
     def settle(self, sample: ContactSample, rounds: int = 3) -> Served:

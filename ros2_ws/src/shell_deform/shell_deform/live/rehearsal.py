@@ -26,11 +26,15 @@ class Rehearsal:
         )
         self.estimator.warm_up()
         self.estimator.pose = IDENTITY
+        self._request = np.zeros(1, REQUEST)
         self._sequence = 0
 
     def tick(self, sample: ContactSample) -> Served:
-        """Serve one sample from what is known."""
-        return self.estimator.tick(sample)
+        """Serve one sample from what is known, and leave its load case for the solver."""
+        served = self.estimator.tick(sample)
+        self._request = np.zeros(1, REQUEST)
+        self.estimator.fill_request(self._request[0])
+        return served
 
     def refresh(self) -> None:
         """Let the solver answer the last tick, and adopt its result."""
@@ -39,11 +43,9 @@ class Rehearsal:
 
     def solve(self) -> None:
         """Let the solver answer the last tick."""
-        request = np.zeros(1, REQUEST)
-        self.estimator.fill_request(request[0])
         self._sequence += 1
-        self.memory.write_request(request, self._sequence)
-        self.solver.take(load_of(request[0]))
+        self.memory.write_request(self._request, self._sequence)
+        self.solver.take(load_of(self._request[0]))
         self.solver.refine()
         index = self.memory.free_slot()
         self.solver.fill(self.memory.slots[index])

@@ -112,19 +112,26 @@ class McapBag(Bag):
         wanted = set(self.topics if topics is None else topics)
         first = 0 if start is None else start
         last = 2**64 if stop is None else stop
-        blocks = [block for block in self._blocks if block.end >= first and block.start < last]
-        blocks.sort(key=lambda block: block.start)
-        pending: list[Message] = []
-        for block in blocks:
+        blocks = [
+            (block, order)
+            for order, block in enumerate(self._blocks)
+            if block.end >= first and block.start < last
+        ]
+        blocks.sort(key=lambda entry: entry[0].start)
+        # By time, then by place in the file: a later chunk may begin earlier.
+        pending: list[tuple[int, int, int, Message]] = []
+        for block, order in blocks:
             ready = 0
-            while ready < len(pending) and pending[ready].log_time < block.start:
+            while ready < len(pending) and pending[ready][0] < block.start:
                 ready += 1
-            yield from pending[:ready]
+            for entry in pending[:ready]:
+                yield entry[-1]
             del pending[:ready]
             loaded = self._load(block, wanted, first, last)
-            pending = pending + loaded if pending else loaded
-            pending.sort(key=_log_time)
-        yield from pending
+            pending += [(m.log_time, order, place, m) for place, m in enumerate(loaded)]
+            pending.sort()
+        for entry in pending:
+            yield entry[-1]
 
     def _load(self, place: _FileBlock, wanted: set[str], first: int, last: int) -> list[Message]:
         try:
@@ -159,7 +166,3 @@ class McapBag(Bag):
     def close(self) -> None:
         """Close the files."""
         self._stack.close()
-
-
-def _log_time(message: Message) -> int:
-    return message.log_time

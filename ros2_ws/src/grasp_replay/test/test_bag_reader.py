@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from bag_samples import DATA, library_file, string_cdr, write_strings
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
@@ -185,6 +185,7 @@ def test_one_topic_with_two_types_is_refused(tmp_path: Path) -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(times=st.lists(st.integers(0, 1000), max_size=60), chunk=st.integers(1, 20))
+@example(times=[1, 1, 0, 1], chunk=2)
 def test_messages_come_in_time_order_and_equal_times_in_file_order(
     tmp_path_factory: pytest.TempPathFactory, times: list[int], chunk: int
 ) -> None:

@@ -300,8 +300,8 @@ def test_zero_area_and_repeated_faces_are_dropped_and_counted() -> None:
     assert any('3 degenerate or repeated faces' in note for note in scan.notes)
 
 
-def test_a_scan_of_only_nan_has_no_points() -> None:
-    with pytest.raises(ScanFileError, match='no points'):
+def test_a_scan_of_only_nan_is_refused() -> None:
+    with pytest.raises(ScanFileError, match='all 2 points are NaN'):
         scan_of('1 2 nan\nnan nan nan\n', '.xyz')
 
 

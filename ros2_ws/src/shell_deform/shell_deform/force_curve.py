@@ -9,20 +9,50 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.building import build_model, object_contacts
+from shell_deform.building import build_model, object_contacts, with_material
+from shell_deform.loads import ContactPatch
 from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject
 from shell_deform.readout import wall_ratio
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, displaced, forced
 from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.surface.limit import LimitSurface
 
 Array = NDArray[np.float64]
 
-MODULUS_STEPS, MODULUS_TOLERANCE = 20, 1e-6
+MODULUS_STEPS, MODULUS_TOLERANCE, LEAST_SLOPE = 20, 1e-6, 0.1
 
 
 class IdentificationError(ValueError):
     """Data from which nothing can be identified."""
+
+
+def modulus_where(
+    error: Callable[[float], float | None],
+    young: float,
+    tolerance: float = MODULUS_TOLERANCE,
+) -> float | None:
+    """Young's modulus [Pa] at which `error` vanishes, by secants in ln E from `young`, or None.
+
+    `error` is the logarithm of model over measurement of something that a stiffer wall raises:
+    the force at a displacement, or one over the displacement under a force. It is None where the
+    wall is too soft to answer.
+    """
+    last: tuple[float, float] | None = None
+    for _ in range(MODULUS_STEPS):
+        found = error(young)
+        if found is None:
+            young *= 2.0
+            continue
+        if abs(found) < tolerance:
+            return young
+        slope = 1.0
+        if last is not None and last[0] != young:
+            slope = (found - last[1]) / np.log(young / last[0])
+        last = (young, found)
+        # the gas lowers the slope, softening walls raise it: steps stay within a factor e
+        young *= float(np.exp(np.clip(-found / max(slope, LEAST_SLOPE), -1.0, 1.0)))
+    return None
 
 
 class ForceCurve:
@@ -41,6 +71,7 @@ class ForceCurve:
     ) -> None:
         """`pin_radius` [m] replaces that of the object's contacts."""
         self.shell_object = shell_object
+        self._given_radius, self._vertices = pin_radius, control_vertices
         self._model = build_model(shell_object, theory, control_vertices, refine_radius=pin_radius)
         self._contacts = object_contacts(shell_object, self._model, pin_radius)
         self._known: dict[bytes, Array] = {}
@@ -52,10 +83,25 @@ class ForceCurve:
         other._known = {}
         return other
 
+    def with_thickness(self, thickness: float) -> ForceCurve:
+        """The same object and contacts with another wall [m], even everywhere."""
+        wall = with_material(self.shell_object, thickness=thickness)
+        return ForceCurve(wall, self._given_radius, self.theory, self._vertices)
+
     @property
     def theory(self) -> str:
         """Name of the strain measure."""
         return self._model.theory
+
+    @property
+    def contacts(self) -> tuple[ContactPatch, ...]:
+        """What pushes, on the middle surface."""
+        return self._contacts
+
+    @property
+    def surface(self) -> LimitSurface:
+        """The middle surface as a function of its control points."""
+        return self._model.surface
 
     @property
     def pin_radius(self) -> float:
@@ -107,29 +153,36 @@ class ForceCurve:
 
         Raises IdentificationError when the gas alone is stiffer than that.
         """
-        young = self.shell_object.young_modulus_pa
         depth = np.array([displacement])
-        last: tuple[float, float] | None = None
-        for _ in range(MODULUS_STEPS):
+
+        def error(young: float) -> float | None:
             found = float(self.force(depth, young, gauge)[0])
-            if abs(found - force) < MODULUS_TOLERANCE * force:
-                return young
-            # the wall's force is proportional to the modulus, the gas adds to it
-            slope = found / young
-            if last is not None and last[0] != young:
-                slope = (found - last[1]) / (young - last[0])
-            last = (young, found)
-            young = max(young + (force - found) / slope, 0.2 * young)
+            return float(np.log(found / force)) if found > 0.0 else None
+
+        own = self.shell_object.young_modulus_pa
+        young = modulus_where(error, own) if force > 0.0 else None
+        if young is not None:
+            return young
         raise IdentificationError(
             f'{self.shell_object.name}: no modulus gives {force:.4g} N at {displacement:.4g} m '
             f'with gauge pressure {gauge:.4g} Pa'
         )
 
-    def _forces(self, displacement: Array, young: float, gauge: float) -> Array:
+    def equilibria(
+        self, displacement: Array, young: float, gauge: float = 0.0
+    ) -> list[Equilibrium]:
+        """The squeezed shell at displacements (n,) [m], in any order.
+
+        Raises IdentificationError where the shell has no equilibrium.
+        """
+
         def case(value: float, start: Array) -> LoadCase:
             return displaced(self._contacts, start + value)
 
-        states, _ = self._walk(np.asarray(displacement, float), young, gauge, case, 'm')
+        return self._walk(np.asarray(displacement, float), young, gauge, case, 'm')[0]
+
+    def _forces(self, displacement: Array, young: float, gauge: float) -> Array:
+        states = self.equilibria(displacement, young, gauge)
         return np.array([float(np.mean(state.force)) for state in states])
 
     def _walk(

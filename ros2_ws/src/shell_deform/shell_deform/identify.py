@@ -4,26 +4,25 @@ Nonlinear least squares on the nonlinear model: at each measured displacement th
 compared with the measured one, weighed by the gauge's and the encoder's uncertainty. What all rows
 share - the gauge's zero and its gain - is estimated along with a prior of its own, so that it
 widens the answer instead of averaging out. What cannot be told apart is said: the curve of a thin
-sphere fixes about E h^2.5, not E.
+sphere fixes about E h^2.5, not E. Scans of the dents fix the thickness (`dent_profile`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from shell_deform.building import with_material
+from shell_deform.dent_profile import NINETY_PERCENT, ThicknessFit
 from shell_deform.force_curve import ForceCurve, IdentificationError
 from shell_deform.objects import ShellObject
 from shell_deform.theory.thin_wall import excess_stiffness
 
 Array = NDArray[np.float64]
 
-# Two-sided 90 % of a normal distribution.
-NINETY_PERCENT = 1.6448536269514722
 # Fits are repeated until the modulus that the weights were made for is within that share.
 SLOPE_TOLERANCE, PASSES = 0.1, 4
 # A parameter is told apart when its relative sigma is below this.
@@ -86,7 +85,8 @@ class Identified:
     """What the data say.
 
     Attributes:
-        names: identified parameters: 'young_modulus_pa', perhaps 'gauge_pressure_pa'.
+        names: identified parameters: 'young_modulus_pa', perhaps 'gauge_pressure_pa' or
+            'thickness_m'.
         values, sigma: (k,) best values and one standard deviation, the gauge's zero and gain
             included.
         correlation: (k, k). fitted_force: (n,) of the model at the measured displacements [N].
@@ -226,6 +226,43 @@ def cross_validate(
     found = identify(curve, small)
     gauge = curve.shell_object.gas.gauge_pressure_pa
     return found, found.zero_force + curve.force(large.displacement, float(found.values[0]), gauge)
+
+
+def with_thickness(found: Identified, fit: ThicknessFit, exponent: float) -> Identified:
+    """What forces and dents say together.
+
+    `found` was identified at the thickness of `fit`; forces fix E h^m, m the `exponent`, and say
+    next to nothing else of the thickness.
+    """
+    young, sigma_young = float(found.values[0]), float(found.sigma[0])
+    by_thickness = exponent * young * fit.sigma / fit.thickness
+    sigma = float(np.hypot(sigma_young, by_thickness))
+    together = -by_thickness / sigma
+    relative = fit.sigma / fit.thickness
+    verdict = 'are separable by these scans'
+    if relative > SEPARABLE_SIGMA:
+        verdict = 'are NOT separable by these scans: add denser scans of deeper dents'
+    excess = 2.0 * (fit.solid_thickness / fit.thickness - 1.0)
+    solid = found.solid_modulus * (fit.thickness / fit.solid_thickness) ** exponent
+    solid_relative = np.hypot(
+        found.solid_sigma / found.solid_modulus, exponent * fit.solid_sigma / fit.solid_thickness
+    )
+    return replace(
+        found,
+        names=(found.names[0], 'thickness_m'),
+        values=np.array([young, fit.thickness]),
+        sigma=np.array([sigma, fit.sigma]),
+        correlation=np.array([[1.0, together], [together, 1.0]]),
+        solid_modulus=solid,
+        solid_sigma=float(solid * solid_relative),
+        statement=(
+            f'Modulus and thickness {verdict} (correlation {together:+.3f}, thickness known to '
+            f'{100 * relative:.1f} %); by force and displacement alone only E h^2.5 is fixed.',
+            'A thin-shell fit of a solid wall gives E h^2.5 and h low by up to '
+            f'{100 * excess / (1.0 + excess):.0f} % each; they are right for predictions by this '
+            'model, the solid values are those of the material.',
+        ),
+    )
 
 
 def thickness_sensitivity(shell_object: ShellObject, data: SqueezeData) -> float:

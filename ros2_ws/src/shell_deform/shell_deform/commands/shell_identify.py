@@ -1,11 +1,10 @@
-"""shell_identify: modulus and pressure from force-displacement data or a recorded grasp."""
+"""shell_identify: modulus, pressure or thickness from a table, its scans, or a recorded grasp."""
 
 from __future__ import annotations
 
 import argparse
-import warnings
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib
@@ -14,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from shell_deform.commands.console import CommandError, print_json, progress, run
+from shell_deform.dent_profile import DentScan, ThicknessFit, fit_thickness
 from shell_deform.force_curve import ForceCurve
 from shell_deform.identify import (
     Identified,
@@ -22,8 +22,11 @@ from shell_deform.identify import (
     identify,
     squeeze_data,
     thickness_sensitivity,
+    with_thickness,
 )
 from shell_deform.objects import load_object
+from shell_deform.objects.file_mesh import UNIT_M, read_points
+from shell_deform.squeeze_table import read_table
 
 # One count of the 8-bit gauge at 50 mm, as a standard deviation; a twentieth of a millimetre.
 DEFAULT_SIGMA_FORCE_N = 0.06
@@ -31,6 +34,9 @@ DEFAULT_SIGMA_DISPLACEMENT_M = 5e-5
 # A zero that drifts by half a count during a grasp; a calibration with known weights.
 DEFAULT_SIGMA_ZERO_N = 0.1
 DEFAULT_SIGMA_GAIN = 0.01
+# The scanner of the published experiment; what a fit of a dense scan leaves of its place.
+DEFAULT_SCANNER_SIGMA_M = 0.127e-3
+DEFAULT_SIGMA_REGISTRATION_M = 5e-5
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -39,74 +45,102 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run('shell_identify', lambda: _identify(options))
 
 
+@dataclass(frozen=True)
+class _Result:
+    """All that is printed; `found` is at the thickness of `curve`, `told` with its posterior."""
+
+    data: SqueezeData
+    curve: ForceCurve
+    found: Identified
+    told: Identified
+    held_out: tuple[Identified, np.ndarray] | None
+    exponent: float
+    thickness: ThicknessFit | None
+
+
 def _identify(options: argparse.Namespace) -> None:
     if options.plot and not options.plot.resolve().parent.is_dir():
         raise CommandError(f'--plot {options.plot}: there is no such folder')
-    data = _read(options)
-    shell_object = load_object(options.object)
-    curve = ForceCurve(shell_object, options.pin_radius)
-    steps = progress(['fit', 'cross-validation', 'thickness'], 'identifying')
+    data, scans = _read(options)
+    result = _result(options, data, scans)
+    if options.plot:
+        _plot(options.plot, result)
+    if options.json:
+        print_json(_document(result))
+        return
+    _print(result)
+    if scans and not options.thickness:
+        print(f'{options.data} names {len(scans)} scans: --thickness uses them')
+
+
+def _result(options: argparse.Namespace, data: SqueezeData, scans: list[DentScan]) -> _Result:
+    curve = ForceCurve(load_object(options.object), options.pin_radius)
+    names = ['fit', 'cross-validation', 'thickness']
+    steps = progress(['dents', *names] if options.thickness else names, 'identifying')
     next(steps)
+    thickness = None
+    if options.thickness:
+        deepest = int(np.argmax(data.displacement))
+        young = curve.modulus(
+            float(data.force[deepest]),
+            float(data.displacement[deepest]),
+            curve.shell_object.gas.gauge_pressure_pa,
+        )
+        thickness = fit_thickness(
+            curve, scans, young, options.scanner_sigma, options.sigma_registration
+        )
+        curve = curve.with_thickness(thickness.thickness)
+        next(steps)
     found = identify(curve, data, options.pressure)
     next(steps)
     held_out = None
     if len(data.force) > 1 and not options.pressure:
         held_out = cross_validate(curve, data, options.fit_rows or max(1, len(data.force) // 2))
     next(steps)
-    exponent = thickness_sensitivity(shell_object, data)
+    exponent = thickness_sensitivity(curve.shell_object, data)
     next(steps, None)
-    if options.plot:
-        _plot(options.plot, curve, data, found, held_out)
-    if options.json:
-        print_json(_document(data, found, held_out, exponent))
-        return
-    _print(data, found, held_out, exponent)
+    told = with_thickness(found, thickness, exponent) if thickness else found
+    return _Result(data, curve, found, told, held_out, exponent, thickness)
 
 
-def _read(options: argparse.Namespace) -> SqueezeData:
+def _read(options: argparse.Namespace) -> tuple[SqueezeData, list[DentScan]]:
     path: Path = options.data
     if not path.exists():
         raise CommandError(f'{path} does not exist; give a CSV table or a bag')
     if path.is_dir() or path.suffix in ('.mcap', '.db3'):
         from shell_deform.squeeze_bag import read_squeeze
 
+        if options.thickness:
+            raise CommandError(
+                f'{path}: --thickness needs a table with a column `scan`; `scan_error --out` '
+                'registers the scans of a bag to the object'
+            )
         data = read_squeeze(path)
         gain = data.sigma_gain if options.sigma_gain is None else options.sigma_gain
-        return replace(data, sigma_zero=options.sigma_zero, sigma_gain=gain)
-    table = _table(path)
-    return squeeze_data(
+        return replace(data, sigma_zero=options.sigma_zero, sigma_gain=gain), []
+    table, files = read_table(path)
+    if options.thickness and not any(files):
+        raise CommandError(
+            f'{path}: --thickness needs scans of the squeezed object; add a column `scan` with '
+            'their files'
+        )
+    data = squeeze_data(
         table,
         options.sigma_force,
         options.sigma_displacement,
         options.sigma_zero,
         DEFAULT_SIGMA_GAIN if options.sigma_gain is None else options.sigma_gain,
     )
+    scans = [
+        DentScan(str(file), read_points(file, options.scan_unit), float(displacement))
+        for file, displacement in zip(files, data.displacement, strict=True)
+        if file is not None
+    ]
+    return data, scans
 
 
-def _table(path: Path) -> np.ndarray:
-    """(n, c) numbers of a CSV file; a first line of headings is left out."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter('ignore', UserWarning)
-            table = np.genfromtxt(path, delimiter=',', comments='#', ndmin=2)
-    except UnicodeDecodeError as error:
-        raise CommandError(f'{path}: no text; give a CSV table or a bag') from error
-    except ValueError as error:
-        lines = ' '.join(str(error).split())
-        raise CommandError(f'{path}: rows differ in their number of columns: {lines}') from error
-    if len(table) and np.isnan(table[0]).all():
-        table = table[1:]
-    if table.size == 0:
-        raise CommandError(f'{path}: holds no numbers; give lines of force_n, displacement_m')
-    return np.asarray(table)
-
-
-def _document(
-    data: SqueezeData,
-    found: Identified,
-    held_out: tuple[Identified, np.ndarray] | None,
-    exponent: float,
-) -> dict[str, object]:
+def _document(result: _Result) -> dict[str, object]:
+    data, found, held_out = result.data, result.told, result.held_out
     parameters = {
         name: {
             'value': float(value),
@@ -126,13 +160,25 @@ def _document(
         'correlation': found.correlation.tolist(),
         'reduced_chi_square': found.reduced_chi_square,
         'e_h_2_5_pa_m_2_5': found.stiffness_product,
-        'thickness_exponent': exponent,
+        'thickness_exponent': result.exponent,
         'rows': [
             {'displacement_m': float(w), 'force_n': float(f), 'fitted_force_n': float(m)}
             for w, f, m in zip(data.displacement, data.force, found.fitted_force, strict=True)
         ],
         'statement': list(found.statement),
     }
+    if result.thickness is not None:
+        fit = result.thickness
+        document['solid_thickness_m'] = {
+            'value': fit.solid_thickness,
+            'sigma': fit.solid_sigma,
+            'interval_90': list(fit.solid_interval),
+        }
+        document['dents'] = {
+            'depth_m': fit.depth.tolist(),
+            'rms_m': fit.rms,
+            'reduced_chi_square': fit.reduced_chi_square,
+        }
     if held_out is not None:
         small, predicted = held_out
         document['cross_validation'] = {
@@ -142,12 +188,8 @@ def _document(
     return document
 
 
-def _print(
-    data: SqueezeData,
-    found: Identified,
-    held_out: tuple[Identified, np.ndarray] | None,
-    exponent: float,
-) -> None:
+def _print(result: _Result) -> None:
+    data, found, held_out = result.data, result.told, result.held_out
     console = Console()
     table = Table(title='Measured and fitted')
     for heading in ('displacement [mm]', 'measured [N]', 'fitted [N]', 'difference'):
@@ -163,10 +205,21 @@ def _print(
         f'modulus of the material, if its wall is a solid: {found.solid_modulus:.5g} Pa, '
         f'90 % interval {low:.5g} to {high:.5g}'
     )
+    if result.thickness is not None:
+        fit = result.thickness
+        low, high = fit.solid_interval
+        console.print(
+            f'thickness of a solid wall: {fit.solid_thickness:.4g} m, 90 % interval {low:.4g} to '
+            f'{high:.4g}'
+        )
+        console.print(
+            f'dents {", ".join(f"{1e3 * depth:.2f}" for depth in fit.depth)} mm deep; rings '
+            f'follow the model within {1e6 * fit.rms:.0f} um rms'
+        )
     if found.zero_force:
         console.print(f'zero of the gauge {found.zero_force:+.3f} N')
     console.print(f'reduced chi-square {found.reduced_chi_square:.2f}')
-    console.print(f'force grows as E h^{exponent:.2f} over these data')
+    console.print(f'force grows as E h^{result.exponent:.2f} over these data')
     if held_out is not None:
         small, predicted = held_out
         order = np.argsort(data.displacement)[-len(predicted) :]
@@ -179,14 +232,9 @@ def _print(
         console.print(sentence)
 
 
-def _plot(
-    path: Path,
-    curve: ForceCurve,
-    data: SqueezeData,
-    found: Identified,
-    held_out: tuple[Identified, np.ndarray] | None,
-) -> None:
+def _plot(path: Path, result: _Result) -> None:
     """Measured points, the fit and what the small loads alone predict, with 90 % bands."""
+    data, curve, found, held_out = result.data, result.curve, result.found, result.held_out
     matplotlib.use('Agg')
     import matplotlib.pyplot as plt
 
@@ -252,13 +300,31 @@ def _parser() -> argparse.ArgumentParser:
         'data',
         type=Path,
         help='CSV with force_n, displacement_m [, sigma_force_n, sigma_displacement_m] per '
-        'contact, or a bag with hand/contacts that carry travel',
+        'contact and perhaps a column headed scan with files, or a bag with hand/contacts that '
+        'carry travel',
     )
     parser.add_argument('--object', required=True, help='name or object file; see shell_objects')
     parser.add_argument('--pin-radius', type=_above_zero, metavar='M', help='contact radius [m]')
-    parser.add_argument(
+    second = parser.add_mutually_exclusive_group()
+    second.add_argument(
         '--pressure', action='store_true', help='identify the gauge pressure [Pa] too'
     )
+    second.add_argument(
+        '--thickness', action='store_true',
+        help='identify the wall thickness [m] too, from the scans that the table names, in the '
+        'frame of the object (error.ply of scan_error --out)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--scan-unit', choices=sorted(UNIT_M), default='m', help='of the scans (default m)'
+    )
+    parser.add_argument(
+        '--scanner-sigma', type=_above_zero, default=DEFAULT_SCANNER_SIGMA_M, metavar='M',
+        help='noise of a scan point along the normal [m] (default %(default)s)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--sigma-registration', type=_above_zero, default=DEFAULT_SIGMA_REGISTRATION_M,
+        metavar='M', help='of a scan at a contact [m] (default %(default)s)',
+    )  # fmt: skip
     parser.add_argument(
         '--fit-rows', type=int, metavar='N', help='smallest loads to cross-validate from'
     )

@@ -1,8 +1,9 @@
-"""Control meshes that come from a mesh file."""
+"""Control meshes, triangles and points that come from a file."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -28,24 +29,49 @@ def read_triangles(
     Raises:
         ObjectError: the file cannot be read or holds no triangle.
     """
+    mesh = _loaded(path, 'mesh')
+    if len(getattr(mesh, 'faces', ())) == 0:
+        raise ObjectError(f'{path}: holds no triangles')
+    _check_finite(path, mesh.vertices)
+    if merge:
+        mesh.merge_vertices()
+    return np.asarray(mesh.vertices) * UNIT_M[unit], np.asarray(mesh.faces, dtype=np.int64)
+
+
+def read_points(path: Path, unit: str) -> FloatArray:
+    """Points (n, 3) [m] of any mesh or point cloud that trimesh reads.
+
+    Raises:
+        ObjectError: the file cannot be read or holds no point.
+    """
+    loaded = _loaded(path, None)
+    parts = getattr(loaded, 'geometry', {'': loaded}).values()
+    points = [np.asarray(getattr(part, 'vertices', ())).reshape(-1, 3) for part in parts]
+    if sum(map(len, points)) == 0:
+        raise ObjectError(f'{path}: holds no points')
+    found = np.concatenate(points).astype(np.float64)
+    _check_finite(path, found)
+    return found * UNIT_M[unit]
+
+
+def _loaded(path: Path, force: Literal['mesh'] | None) -> Any:
     # Fifteen megabytes that only mesh files need, in every node's memory if imported above.
     import trimesh
 
     if not path.is_file():
         raise ObjectError(f'{path}: there is no such file')
     try:
-        mesh = trimesh.load(path, force='mesh', process=False)
+        return trimesh.load(path, force=force, process=False)
     except Exception as error:
-        raise ObjectError(f'{path}: cannot be read as a mesh: {error}') from error
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-        raise ObjectError(f'{path}: holds no triangles')
-    finite = np.isfinite(mesh.vertices).all(axis=1)
+        what = 'a mesh' if force else 'a mesh or point cloud'
+        raise ObjectError(f'{path}: cannot be read as {what}: {error}') from error
+
+
+def _check_finite(path: Path, vertices: FloatArray) -> None:
+    finite = np.isfinite(vertices).all(axis=1)
     if not finite.all():
         bad = int(np.argmin(finite))
-        raise ObjectError(f'{path}: vertex {bad} is not finite: {mesh.vertices[bad].tolist()}')
-    if merge:
-        mesh.merge_vertices()
-    return np.asarray(mesh.vertices) * UNIT_M[unit], np.asarray(mesh.faces, dtype=np.int64)
+        raise ObjectError(f'{path}: vertex {bad} is not finite: {vertices[bad].tolist()}')
 
 
 def control_file(name: str, surface: MeshFile) -> ControlMesh:

@@ -13,7 +13,7 @@ from complex steps (exact gradient) and differences of them (tangent).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -86,16 +86,30 @@ def pole_displacements(sphere: PinnedSphere, forces: Array) -> Array:
 
 def forces_at(sphere: PinnedSphere, displacements: Array) -> Array:
     """(n,) force of each pin [N] at rising pole displacements (n,) [m] from the blown shape."""
+    return np.array([force for _, _, force in _dented(sphere, displacements)])
+
+
+def outer_meridians(sphere: PinnedSphere, displacements: Array) -> list[Array]:
+    """Outer face (p, 2) [m] as (radius, height), pole to equator, at rising displacements [m]."""
+    half, found = 0.5 * sphere.thickness, []
+    for solver, position, _ in _dented(sphere, displacements):
+        r, dr, z, dz = solver.meridian(position)
+        length = np.hypot(dr, dz)
+        found.append(np.stack([r - half * dz / length, z + half * dr / length], axis=1))
+    return found
+
+
+def _dented(sphere: PinnedSphere, displacements: Array) -> Iterator[tuple[_Solver, Array, float]]:
+    """Solver, shape and force [N] at rising pole displacements [m] from the blown shape."""
     solver = _Solver(sphere)
     position = solver.blown()
-    start, force, last, found = solver.pole(position), 0.0, 0.0, []
+    start, force, last = solver.pole(position), 0.0, 0.0
     for wanted in np.asarray(displacements, dtype=float):
         steps = max(1, int(np.ceil((wanted - last) / (0.4 * sphere.thickness))))
         for depth in np.linspace(last, wanted, steps + 1)[1:]:
             position, force = solver.dented(position, force, start - depth)
         last = wanted
-        found.append(force)
-    return np.array(found)
+        yield solver, position, force
 
 
 class _Solver:
@@ -115,6 +129,11 @@ class _Solver:
     def pole(self, position: Array) -> float:
         """Height of the pole [m]."""
         return float(position[self._pole])
+
+    def meridian(self, position: Array) -> Array:
+        """(4, p) r, r', z, z' of the middle surface at the Gauss points, pole to equator."""
+        r, dr, _, z, dz, _ = self._at(position)
+        return np.stack([r.ravel(), dr.ravel(), z.ravel(), dz.ravel()])
 
     def blown(self) -> Array:
         """The shape that the gas alone gives."""

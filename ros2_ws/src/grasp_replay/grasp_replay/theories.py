@@ -12,6 +12,7 @@ from grasp_replay.holds import HeldContacts
 from scan_compare.deformed_surface import DeformedSurface
 from scan_compare.dent import Contacts
 from shell_deform.building import build_model
+from shell_deform.force_curve import modulus_where
 from shell_deform.live.contact_tracking import ContactTracker
 from shell_deform.loads import ContactPatch
 from shell_deform.model import ShellModel
@@ -24,7 +25,6 @@ Array = NDArray[np.float64]
 THEORIES = ('linear', 'paper', 'koiter')
 # Relative accuracy of a fitted modulus.
 FIT_TOLERANCE = 1e-4
-FIT_STEPS = 12
 
 
 @dataclass(frozen=True)
@@ -96,22 +96,17 @@ class TheorySet:
         The displacement is the mean of the contact centres, which does not depend on where the
         object is held to be. Raises BagError when no modulus does.
         """
-        young, last = self.shell.young_modulus_pa, None
-        for _ in range(FIT_STEPS):
+
+        def error(young: float) -> float | None:
             solved = self.with_young(young).solve('koiter', patches, push)
             found = float(np.mean(solved.state.displacement))
             if solved.surface is None or not found > 0.0:
-                young *= 2.0
-                continue
-            error = np.log(found / displacement_m)
-            if abs(error) < FIT_TOLERANCE:
-                return young
-            slope = -1.0
-            if last is not None and last[0] != young:
-                slope = (error - last[1]) / np.log(young / last[0])
-            last = (young, error)
-            # The displacement falls between E^-0.5 and E^-3: steps are kept within a factor e.
-            young *= float(np.exp(np.clip(-error / min(slope, -0.3), -1.0, 1.0)))
+                return None
+            return float(np.log(displacement_m / found))
+
+        young = modulus_where(error, self.shell.young_modulus_pa, FIT_TOLERANCE)
+        if young is not None:
+            return young
         raise BagError(
             f"{self.shell.name}: no Young's modulus moves the contacts by "
             f'{1e3 * displacement_m:.3f} mm under {np.round(push, 3).tolist()} N'

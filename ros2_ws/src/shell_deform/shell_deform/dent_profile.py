@@ -47,6 +47,12 @@ ELSEWHERE = 0.5
 MISFIT = 0.05
 
 
+def interval_above_zero(value: float, sigma: float) -> tuple[float, float]:
+    """90 % interval of a quantity that is fitted as its logarithm."""
+    factor = float(np.exp(NINETY_PERCENT * sigma / value))
+    return value / factor, value * factor
+
+
 @dataclass(frozen=True)
 class DentScan:
     """A scan (n, 3) [m] of the squeezed object in the object's frame.
@@ -83,8 +89,7 @@ class ThicknessFit:
     @property
     def solid_interval(self) -> tuple[float, float]:
         """90 % interval of the solid thickness [m]."""
-        reach = NINETY_PERCENT * self.solid_sigma
-        return self.solid_thickness - reach, self.solid_thickness + reach
+        return interval_above_zero(self.solid_thickness, self.solid_sigma)
 
 
 @dataclass(frozen=True)

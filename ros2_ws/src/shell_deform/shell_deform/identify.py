@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from shell_deform.building import with_material
-from shell_deform.dent_profile import NINETY_PERCENT, ThicknessFit
+from shell_deform.dent_profile import NINETY_PERCENT, ThicknessFit, interval_above_zero
 from shell_deform.force_curve import ForceCurve, IdentificationError
 from shell_deform.objects import ShellObject
 from shell_deform.theory.thin_wall import excess_stiffness
@@ -113,11 +113,12 @@ class Identified:
     def interval(self, name: str) -> tuple[float, float]:
         """90 % interval of a parameter, or of 'solid_modulus_pa'."""
         if name == 'solid_modulus_pa':
-            value, sigma = self.solid_modulus, self.solid_sigma
-        else:
-            k = self.names.index(name)
-            value, sigma = float(self.values[k]), float(self.sigma[k])
-        return value - NINETY_PERCENT * sigma, value + NINETY_PERCENT * sigma
+            return interval_above_zero(self.solid_modulus, self.solid_sigma)
+        k = self.names.index(name)
+        value, sigma = float(self.values[k]), float(self.sigma[k])
+        if name == 'gauge_pressure_pa':
+            return value - NINETY_PERCENT * sigma, value + NINETY_PERCENT * sigma
+        return interval_above_zero(value, sigma)
 
 
 def identify(

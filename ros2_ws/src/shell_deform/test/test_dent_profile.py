@@ -13,8 +13,9 @@ import pytest
 import trimesh
 
 from shell_deform.commands import shell_identify
-from shell_deform.dent_profile import DentScan, fit_thickness
+from shell_deform.dent_profile import DentScan, ThicknessFit, fit_thickness
 from shell_deform.force_curve import ForceCurve, IdentificationError
+from shell_deform.identify import identify, squeeze_data, with_thickness
 from shell_deform.objects import load_object
 from shell_deform.theory.gas import Gas
 from shell_deform.verification.axisymmetric import PinnedSphere, forces_at, outer_meridians
@@ -120,6 +121,18 @@ def test_an_uneven_thickness_is_not_fitted(ball, curve):
     uneven.shell_object = replace(ball, vertex_thickness_m=np.full(80, 0.002))
     with pytest.raises(IdentificationError, match='from place to place'):
         fitted(uneven, [DentScan('any', np.zeros((1, 3)), 1e-3)])
+
+
+@pytest.mark.parametrize(('share', 'verdict'), [(0.4, 'are NOT'), (0.02, 'are')])
+def test_a_thickness_widens_the_modulus_and_is_told_apart_only_when_known(share, verdict):
+    curve = ForceCurve(load_object('tennis_ball_as_printed'), control_vertices=80)
+    found = identify(curve, squeeze_data(np.array([[1.0, 2.5e-3]]), 0.01, 1e-6))
+    fit = ThicknessFit(2.5e-3, share * 2.5e-3, 2.6e-3, 0.1e-3, np.array([2.4e-3]), 1e-5, 1.0)
+    told = with_thickness(found, fit, 2.5)
+    assert told.sigma[0] / told.values[0] == pytest.approx(2.5 * share, rel=0.1)
+    assert told.correlation[0, 1] < -0.9
+    assert f'Modulus and thickness {verdict} separable by these scans' in told.statement[0]
+    assert told.interval('thickness_m')[0] > 0.0
 
 
 @pytest.fixture(scope='module')

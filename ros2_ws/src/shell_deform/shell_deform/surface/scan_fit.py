@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from .closest_point import ClosestPoints
 from .control_mesh import ControlMesh, FloatArray, IntArray, moved
-from .fit import HOLD, boundary_half_edges, solve_positive
+from .fit import HOLD, boundary_half_edges
 from .limit import LimitSurface
 from .loop_basis import basis_rows
 
@@ -161,7 +161,7 @@ def _step(
     system, right = system[kept][:, kept], right[kept]
     system = (system + diags(np.full(len(kept), 1e-9 * float(system.diagonal().mean())))).tocsr()
     step = np.zeros(n)
-    step[kept] = solve_positive(system, right, np.zeros(len(kept)), 1e-8)
+    step[kept] = _solve_positive(system, right, np.zeros(len(kept)), 1e-8)
     return step[:, None] * normals
 
 
@@ -201,7 +201,7 @@ def _fit_rim(
     gap = curve.T @ (inward - matrix @ control)
     result = control.copy()
     for k in range(3):
-        result[border, k] += solve_positive(system, gap[:, k], np.zeros(len(border)), 1e-8)
+        result[border, k] += _solve_positive(system, gap[:, k], np.zeros(len(border)), 1e-8)
     return result
 
 
@@ -223,3 +223,29 @@ def _spread(
     noise = within[many].sum() / (count[many] - 1).sum()
     squared = (mean[many] ** 2 - noise / count[many]).mean()
     return rms, float(np.sqrt(max(squared, 0.0)))
+
+
+def _solve_positive(
+    matrix: csr_matrix, right: FloatArray, start: FloatArray, tolerance: float = 1e-12
+) -> FloatArray:
+    """Conjugate gradients with diagonal scaling for a symmetric positive definite matrix.
+
+    Well conditioned fits converge in some dozens of steps, without the fill-in of a factor.
+    """
+    inverse = 1.0 / matrix.diagonal()
+    x = start.copy()
+    residual = right - matrix @ x
+    scaled = inverse * residual
+    direction, product = scaled.copy(), float(residual @ scaled)
+    goal = tolerance**2 * float(right @ (inverse * right))
+    for _ in range(4 * len(right)):
+        if product <= goal:
+            break
+        image = matrix @ direction
+        step = product / float(direction @ image)
+        x += step * direction
+        residual -= step * image
+        scaled = inverse * residual
+        previous, product = product, float(residual @ scaled)
+        direction = scaled + (product / previous) * direction
+    return x

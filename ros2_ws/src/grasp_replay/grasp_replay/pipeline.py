@@ -140,7 +140,8 @@ def _check_size(hold: Hold, shell: TheorySet) -> None:
     try:
         if not len(hold.points):
             raise UnitError('it has no points')
-        choose_unit(robust_extent(hold.points), 'm', float(np.ptp(shell.model.rest, axis=0).max()))
+        surface = shell.model.surface.limit_positions(shell.model.rest)
+        choose_unit(robust_extent(hold.points), 'm', float(np.ptp(surface, axis=0).max()))
     except UnitError as error:
         raise BagError(f'the scan at {hold.entry.stamp} ns: {error}') from error
 

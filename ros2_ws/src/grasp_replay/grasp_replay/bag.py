@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,7 +40,7 @@ class Message(NamedTuple):
     sequence: int
 
 
-class Bag:
+class Bag(ABC):
     """An open bag; use as a context manager.
 
     `topics` by name; `start` and `end` are the first and last log time (ns; both 0 when the bag
@@ -66,6 +67,7 @@ class Bag:
         """Seconds from the first to the last message."""
         return (self.end - self.start) * 1e-9
 
+    @abstractmethod
     def messages(
         self,
         topics: Collection[str] | None = None,
@@ -77,7 +79,6 @@ class Bag:
         Messages of equal time keep their order in the file. Raises BagError where the bag is
         damaged.
         """
-        raise NotImplementedError
 
     def decode(self, message: Message) -> Any:
         """The message as an object with the fields of its type; raises BagError."""
@@ -94,9 +95,9 @@ class Bag:
         except BagError as error:
             raise BagError(f'{self.path}: topic {topic.name}: {error}') from error
 
+    @abstractmethod
     def close(self) -> None:
         """Close the files."""
-        raise NotImplementedError
 
     def __enter__(self) -> Bag:
         return self

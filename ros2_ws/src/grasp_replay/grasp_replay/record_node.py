@@ -21,13 +21,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
+from grasp_replay.arguments_node import WRONG_ROS_ARGUMENTS, split_ros_arguments
 from grasp_replay.bag_writer import COMPRESSIONS, BagWriter
 from grasp_replay.cdr import has_header, header_stamp
 from grasp_replay.errors import BagError
 from grasp_replay.messages import diagnostics, from_endpoint, message_class, type_hash
 from grasp_replay.progress import status_line
 from grasp_replay.qos import common_offer, qos_text
-from grasp_replay.ros_arguments import WRONG_ROS_ARGUMENTS, split_ros_arguments
 from grasp_replay.topic_selection import TopicSelection
 
 DISCOVERY_PERIOD = 0.1

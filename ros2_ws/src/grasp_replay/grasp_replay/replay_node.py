@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
+from grasp_replay.arguments_node import WRONG_ROS_ARGUMENTS, split_ros_arguments
 from grasp_replay.bag import Bag
 from grasp_replay.bag_reader import open_bag
 from grasp_replay.cdr import has_header
@@ -26,9 +27,8 @@ from grasp_replay.player import Player
 from grasp_replay.progress import progress_bar
 from grasp_replay.replay_core import Control, Pace
 from grasp_replay.replay_options import ReplayOptions, parse_options
-from grasp_replay.replay_panel import ReplayPanel
-from grasp_replay.ros_arguments import WRONG_ROS_ARGUMENTS, split_ros_arguments
-from grasp_replay.senders import Senders
+from grasp_replay.replay_panel_node import ReplayPanel
+from grasp_replay.senders_node import Senders
 from grasp_replay.topic_selection import listed
 
 # The publishing thread takes turns with reading ahead and with the services at this period.

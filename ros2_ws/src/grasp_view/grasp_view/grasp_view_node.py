@@ -36,7 +36,7 @@ from .plot_panel import SERIES
 from .poses import Pose, PoseError
 from .replay_panel import ReplayState
 from .scene_model import CONTACT, Snapshot
-from .service_calls import ServiceCalls
+from .service_calls_node import ServiceCalls
 from .time_series import History, TimeSeries
 from .what_if_node import NAMESPACE, WhatIf, WhatIfError
 

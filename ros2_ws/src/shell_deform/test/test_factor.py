@@ -233,7 +233,7 @@ def test_a_value_that_is_not_finite_is_refused_with_its_row(sphere):
 
 
 def test_another_pattern_is_refused(sphere):
-    other = scipy.sparse.csr_array(scipy.sparse.eye_array(len(sphere.load)))
+    other = scipy.sparse.csr_array(scipy.sparse.identity(len(sphere.load)))
     with pytest.raises(FactorError, match='another pattern'):
         factorise(sphere.symbolic, other)
     with pytest.raises(FactorError, match='not symmetric'):
@@ -247,10 +247,14 @@ def test_another_pattern_is_refused(sphere):
 def random_saddle(seed, primal, dual, density, zero_block):
     """[[H, G^T], [G, 0 or negative]] with an indefinite sparse H and its full diagonal."""
     random = np.random.default_rng(seed)
-    upper = scipy.sparse.random_array(
-        (primal, primal), density=density, rng=random, data_sampler=random.normal
+    upper = scipy.sparse.random(
+        primal,
+        primal,
+        density,
+        random_state=random,
+        data_rvs=lambda count: random.normal(size=count),
     )
-    hessian = upper + upper.T + scipy.sparse.diags_array(random.normal(size=primal))
+    hessian = upper + upper.T + scipy.sparse.diags(random.normal(size=primal))
     border = np.zeros((dual, primal))
     for k in range(dual):
         border[k, random.choice(primal, size=min(3, primal), replace=False)] = random.normal(

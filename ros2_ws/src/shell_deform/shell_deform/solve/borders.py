@@ -80,7 +80,9 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
     if pushed and left.shape[1]:
         all_left = left
         left = free_rigid_modes(all_left, np.stack(pushed, axis=1))
-        loose = all_left @ scipy.linalg.null_space((all_left.T @ left).T)
+        # SciPy 1.11 knows no null space of a matrix without rows.
+        taken = (all_left.T @ left).T
+        loose = all_left @ scipy.linalg.null_space(taken) if len(taken) else all_left
     return Borders(
         push=push,
         measure=measure,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import re
 import shutil
 
 import numpy as np
@@ -56,7 +57,11 @@ def test_the_generator_writes_the_kept_deck_of_the_can_again() -> None:
     forces[7] = solid_ball.published_rows('half_soda_can')[0]['force_n']
     text = solid_shell.deck(solid_can.model(solid_can.HalfCan()), forces, np.zeros(len(forces)))
     with gzip.open(FOLDER / 'half_soda_can.inp.gz', 'rt') as deck:
-        assert deck.read() == text
+        words = [re.split(r'[,\n]', each) for each in (deck.read(), text)]
+    # Another numpy rounds a coordinate of 1e-15 mm otherwise.
+    assert len(words[0]) == len(words[1])
+    for old, new in zip(*words, strict=True):
+        assert old == new or abs(float(old) - float(new)) < 1e-12
 
 
 def test_the_can_agrees_with_the_shell_elements_of_kratos() -> None:

@@ -4,12 +4,12 @@
 those and keeps the rows of the others. The figures that they print stand below the table.
 """
 
-import os
 import re
-import subprocess
 import sys
 import time
 from pathlib import Path
+
+from benchmarks.run import shown
 
 ROOT = Path(__file__).resolve().parent.parent
 TABLE = ROOT / 'docs' / 'soak.md'
@@ -40,23 +40,6 @@ CHECKS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 
 
-def run(arguments: tuple[str, ...]) -> tuple[int, list[str]]:
-    """Run one check; returns its exit code and what it printed, which is shown as it comes."""
-    with subprocess.Popen(
-        [sys.executable, *arguments],
-        cwd=ROOT,
-        env={**os.environ, 'SOAK': '1', 'PYTHONUNBUFFERED': '1'},
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as process:
-        assert process.stdout is not None
-        printed = []
-        for line in process.stdout:
-            print(line, end='', flush=True)
-            printed.append(line.rstrip())
-    return process.returncode, printed
-
-
 def kept() -> tuple[dict[str, str], dict[str, str]]:
     """Rows of the table and printed figures of earlier runs, by the name of the check."""
     text = TABLE.read_text() if TABLE.exists() else ''
@@ -77,7 +60,7 @@ def main() -> int:
         title, arguments = CHECKS[name]
         print(f'== {name}: {title}', flush=True)
         start = time.monotonic()
-        code, printed = run(arguments)
+        code, printed = shown(arguments, SOAK='1')
         failed |= code != 0
         result = 'passed' if code == 0 else f'failed ({code})'
         seconds = time.monotonic() - start

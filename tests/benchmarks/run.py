@@ -12,6 +12,7 @@ import re
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
@@ -28,12 +29,12 @@ def names() -> list[str]:
     return sorted(path.stem for path in FOLDER.glob('*.py') if path.stem != Path(__file__).stem)
 
 
-def run(name: str) -> tuple[int, str]:
-    """Run one benchmark; returns its exit code and its part of the page, shown as it comes."""
-    load = os.getloadavg()[0]
+def shown(arguments: Sequence[str | Path], **environment: str) -> tuple[int, list[str]]:
+    """Run a Python program; returns its exit code and its lines, which are shown as they come."""
     with subprocess.Popen(
-        [sys.executable, FOLDER / f'{name}.py'],
-        env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+        [sys.executable, *arguments],
+        cwd=FOLDER.parents[1],
+        env={**os.environ, **environment, 'PYTHONUNBUFFERED': '1'},
         stdout=subprocess.PIPE,
         text=True,
     ) as process:
@@ -42,13 +43,20 @@ def run(name: str) -> tuple[int, str]:
         for line in process.stdout:
             print(line, end='', flush=True)
             printed.append(line.rstrip())
+    return process.returncode, printed
+
+
+def run(name: str) -> tuple[int, str]:
+    """Run one benchmark; returns its exit code and its part of the page."""
+    load = os.getloadavg()[0]
+    code, printed = shown([FOLDER / f'{name}.py'])
     machine = (
         f'{time.strftime("%Y-%m-%d", time.gmtime())}, {os.cpu_count()} cores, load {load:.1f} '
         f'before, Python {platform.python_version()}'
     )
-    if process.returncode:
-        machine += f'; ended with exit code {process.returncode}'
-    return process.returncode, '\n'.join([f'## {name}', '', machine, '', '```', *printed, '```'])
+    if code:
+        machine += f'; ended with exit code {code}'
+    return code, '\n'.join([f'## {name}', '', machine, '', '```', *printed, '```'])
 
 
 def parts(text: str) -> dict[str, str]:

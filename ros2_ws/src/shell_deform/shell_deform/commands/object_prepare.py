@@ -16,6 +16,7 @@ import yaml
 from rich.console import Console
 from scipy.spatial import cKDTree
 
+from shell_deform.commands.arguments import above_zero, not_negative
 from shell_deform.commands.console import CommandError, print_json, run
 from shell_deform.objects import load_object
 from shell_deform.objects.file_mesh import UNIT_M, read_triangles, write_control_mesh
@@ -48,7 +49,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--name', help="name of the object (default: the scan file's)")
     parser.add_argument('--out', type=Path, default=Path(), help='folder for the results')
     wall = parser.add_mutually_exclusive_group(required=True)
-    wall.add_argument('--thickness-m', type=_above_zero, help='wall thickness [m]')
+    wall.add_argument('--thickness-m', type=above_zero, help='wall thickness [m]')
     wall.add_argument(
         '--thickness-file',
         type=Path,
@@ -61,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
         help='what the scan shows (default: outer, half the thickness outside the middle)',
     )
     parser.add_argument(
-        '--young-modulus-pa', type=_above_zero, required=True, help="Young's modulus [Pa]"
+        '--young-modulus-pa', type=above_zero, required=True, help="Young's modulus [Pa]"
     )
     parser.add_argument(
         '--poisson-ratio',
@@ -74,12 +75,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--error-m',
-        type=_above_zero,
+        type=above_zero,
         help='instead: as many as leave no more than this systematic error [m]',
     )
     parser.add_argument(
         '--close-holes-m',
-        type=_not_negative,
+        type=not_negative,
         help='close holes with a rim up to this length [m] (default: half the size of the '
         'object); longer rims stay open',
     )
@@ -306,24 +307,10 @@ def _read_thickness(path: Path) -> FloatArray:
     return table
 
 
-def _above_zero(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value < np.inf:
-        raise argparse.ArgumentTypeError(f'{text} is not above zero')
-    return value
-
-
 def _poisson(text: str) -> float:
     value = float(text)
     if not -1.0 < value <= 0.5:
         raise argparse.ArgumentTypeError(f'{text} is not above -1 and up to 0.5')
-    return value
-
-
-def _not_negative(text: str) -> float:
-    value = float(text)
-    if not 0.0 <= value < np.inf:
-        raise argparse.ArgumentTypeError(f'{text} is negative')
     return value
 
 

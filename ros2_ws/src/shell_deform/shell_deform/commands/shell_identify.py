@@ -12,6 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from shell_deform.commands.arguments import above_zero, not_negative
 from shell_deform.commands.console import CommandError, print_json, progress, run
 from shell_deform.dent_profile import DentScan, ThicknessFit, fit_thickness
 from shell_deform.force_curve import ForceCurve
@@ -277,20 +278,6 @@ def _plot(path: Path, result: _Result) -> None:
     plt.close(figure)
 
 
-def _above_zero(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value < np.inf:
-        raise argparse.ArgumentTypeError(f'{text} is not above zero')
-    return value
-
-
-def _not_negative(text: str) -> float:
-    value = float(text)
-    if not 0.0 <= value < np.inf:
-        raise argparse.ArgumentTypeError(f'{text} is negative')
-    return value
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='shell_identify',
@@ -304,7 +291,7 @@ def _parser() -> argparse.ArgumentParser:
         'carry travel',
     )
     parser.add_argument('--object', required=True, help='name or object file; see shell_objects')
-    parser.add_argument('--pin-radius', type=_above_zero, metavar='M', help='contact radius [m]')
+    parser.add_argument('--pin-radius', type=above_zero, metavar='M', help='contact radius [m]')
     second = parser.add_mutually_exclusive_group()
     second.add_argument(
         '--pressure', action='store_true', help='identify the gauge pressure [Pa] too'
@@ -318,31 +305,31 @@ def _parser() -> argparse.ArgumentParser:
         '--scan-unit', choices=sorted(UNIT_M), default='m', help='of the scans (default m)'
     )
     parser.add_argument(
-        '--scanner-sigma', type=_above_zero, default=DEFAULT_SCANNER_SIGMA_M, metavar='M',
+        '--scanner-sigma', type=above_zero, default=DEFAULT_SCANNER_SIGMA_M, metavar='M',
         help='noise of a scan point along the normal [m] (default %(default)s)',
     )  # fmt: skip
     parser.add_argument(
-        '--sigma-registration', type=_above_zero, default=DEFAULT_SIGMA_REGISTRATION_M,
+        '--sigma-registration', type=above_zero, default=DEFAULT_SIGMA_REGISTRATION_M,
         metavar='M', help='of a scan at a contact [m] (default %(default)s)',
     )  # fmt: skip
     parser.add_argument(
         '--fit-rows', type=int, metavar='N', help='smallest loads to cross-validate from'
     )
     parser.add_argument(
-        '--sigma-force', type=_above_zero, default=DEFAULT_SIGMA_FORCE_N, metavar='N',
+        '--sigma-force', type=above_zero, default=DEFAULT_SIGMA_FORCE_N, metavar='N',
         help='gauge uncertainty [N] where the table has none (default %(default)s)',
     )  # fmt: skip
     parser.add_argument(
-        '--sigma-displacement', type=_above_zero, default=DEFAULT_SIGMA_DISPLACEMENT_M,
+        '--sigma-displacement', type=above_zero, default=DEFAULT_SIGMA_DISPLACEMENT_M,
         metavar='M',
         help='displacement uncertainty [m] where the table has none (default %(default)s)',
     )  # fmt: skip
     parser.add_argument(
-        '--sigma-zero', type=_not_negative, default=DEFAULT_SIGMA_ZERO_N, metavar='N',
+        '--sigma-zero', type=not_negative, default=DEFAULT_SIGMA_ZERO_N, metavar='N',
         help="zero of the gauge, the same error in all rows [N] (default %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        '--sigma-gain', type=_not_negative, metavar='SHARE',
+        '--sigma-gain', type=not_negative, metavar='SHARE',
         help="relative uncertainty of the gauge's gain [-] (default: "
         f'{DEFAULT_SIGMA_GAIN} for a table, what its sigma_n says for a bag)',
     )  # fmt: skip

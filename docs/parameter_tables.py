@@ -1,7 +1,6 @@
 """The parameter tables of the package READMEs, from the declarations: `make tables`.
 
 Each README carries its table between the two marks below; a test asserts that they are in step.
-The hand bridge makes its own, whose values are longer.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 SOURCES = Path(__file__).resolve().parents[1] / 'ros2_ws' / 'src'
-PACKAGES = ('shell_deform', 'scan_compare', 'grasp_view')
+PACKAGES = ('barrett_hand_bridge', 'shell_deform', 'scan_compare', 'grasp_view')
 BEGIN, END = '<!-- parameters: made by docs/parameter_tables.py -->', '<!-- end of parameters -->'
 
 
@@ -26,7 +25,7 @@ def table(package: str) -> str:
     lines = ['| parameter | default | allowed | meaning |', '|---|---|---|---|']
     for one in import_module(f'{package}.parameters').PARAMETERS:
         lines.append(
-            f'| `{one.name}` | {_value(one.default)} | {_allowed(one)} | {one.description} |'
+            f'| `{one.name}` | {_value(one.default)} | {_allowed(one)} | {_meaning(one)} |'
         )
     return '\n'.join(lines)
 
@@ -43,7 +42,7 @@ def _value(value: Any) -> str:
         return ' '.join(_value(one) for one in value)
     if isinstance(value, bool):
         return str(value).lower()
-    return f'{value:g}' if isinstance(value, int | float) else value or 'empty'
+    return f'{value:g}' if isinstance(value, float) else str(value) or 'empty'
 
 
 def _allowed(parameter: Any) -> str:
@@ -52,8 +51,13 @@ def _allowed(parameter: Any) -> str:
         return ', '.join(choices)
     lowest, highest = parameter.lowest, parameter.highest
     if lowest is None or highest is None:
-        return '' if lowest is None else f'from {lowest:g}'
-    return f'{lowest:g} to {highest:g}'
+        return '' if lowest is None else f'from {_value(lowest)}'
+    return f'{_value(lowest)} to {_value(highest)}'
+
+
+def _meaning(parameter: Any) -> str:
+    live = getattr(parameter, 'live', False)
+    return parameter.description + ('; may change while running' if live else '')
 
 
 def main() -> int:

@@ -37,7 +37,7 @@ from barrett_hand_bridge.kinematics import (
     torque_arm,
 )
 from barrett_hand_bridge.tare import ExpectedZero, TareOutcome, take_zero
-from barrett_hand_bridge.touch import finger_cells, touch_contacts
+from barrett_hand_bridge.touch import touch_cells, touch_contacts
 from barrett_hand_bridge.zero import DRIFT_8_BIT, DriftModel, ZeroTracker
 
 NEAR_SATURATION = 0.9
@@ -109,7 +109,7 @@ class HandObserver:
         self.touches = {finger: TouchTracker(settings.touch) for finger in FINGERS}
         self._tare_weight_nm = dict.fromkeys(FINGERS, 0.0)
         self._weight_nm = dict.fromkeys(FINGERS, 0.0)
-        self._cells = finger_cells(settings.geometry.pad_height_m)
+        self._cells = touch_cells(settings.geometry)
         self._gravity: Array = np.asarray(settings.gravity, dtype=float)
 
     def set_gravity(self, direction: Array) -> None:
@@ -196,7 +196,10 @@ class HandObserver:
         cells: list[Contact] = []
         if sample.tactile_n_per_cm2 is not None:
             cells = touch_contacts(
-                sample.tactile_n_per_cm2, frames, self._cells, s.touch_threshold_n_per_cm2
+                sample.tactile_n_per_cm2,
+                {finger: frames[finger].joint_3 for finger in FINGERS},
+                self._cells,
+                s.touch_threshold_n_per_cm2,
             )
         return Observation(sample.stamp_ns, angles, readings, tuple(cells))
 

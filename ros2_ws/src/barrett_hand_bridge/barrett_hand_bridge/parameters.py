@@ -51,7 +51,8 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         'touch',
         'none',
-        'touch cells of a BH8-280: none, top10 or full; each pressed cell becomes a contact',
+        'touch cells of a BH8-280, fingers and palm: none, top10 or full; each pressed cell becomes '
+        'a contact',
         choices=('none', 'top10', 'full'),
     ),
     Parameter(
@@ -265,24 +266,6 @@ def usage() -> str:
         lines.append(f'  {parameter.name} (default {parameter.default!r})')
         lines.append(f'      {parameter.description}{_limits(parameter)}')
     return '\n'.join(lines)
-
-
-def table() -> str:
-    """The parameters as the table of the README (Markdown)."""
-    lines = ['| name | default | meaning |', '|---|---|---|']
-    for parameter in PARAMETERS:
-        meaning = parameter.description + _limits(parameter)
-        live = '; may change while running' if parameter.live else ''
-        lines.append(f'| `{parameter.name}` | {_shown(parameter.default)} | {meaning}{live} |')
-    return '\n'.join(lines)
-
-
-def _shown(value: Value) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list):
-        return f'[{", ".join(_shown(one) for one in value)}]'
-    return f'{value:g}' if isinstance(value, float) else str(value) or '(empty)'
 
 
 def _limits(parameter: Parameter) -> str:

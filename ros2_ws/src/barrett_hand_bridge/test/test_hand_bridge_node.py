@@ -239,8 +239,9 @@ def test_stop_interrupts_a_slow_close(start, listener, ball):
 def test_a_can_hand_publishes_pins_and_touch_cells(start, listener, tmp_path):
     port = '24801'
     emulator = start(
-        'hand_emulator', '--hand', '280', '--json', '--can-port', port, '--press', '2:7:3.5'
-    )
+        'hand_emulator', '--hand', '280', '--json', '--can-port', port,
+        '--press', '2:7:3.5', '--press', '4:0:1.0',
+    )  # fmt: skip
     emulator.wait_for('}')
     calibration = tmp_path / 'hand_280.yaml'
     cubic = {
@@ -264,10 +265,14 @@ def test_a_can_hand_publishes_pins_and_touch_cells(start, listener, tmp_path):
         f'can_port:={port}', f'calibration:={calibration}', 'initialize_on_start:=true',
         'touch:=full',
     )  # fmt: skip
-    listener.until(lambda: listener.contacts and len(listener.contacts[-1]) == 4, 60.0)
-    cell = listener.contacts[-1][3]
+    listener.until(lambda: listener.contacts and len(listener.contacts[-1]) == 5, 60.0)
+    cell, palm = listener.contacts[-1][3:]
     assert (cell['finger'], cell['flags']) == (2, 1)
     assert cell['radius'] == pytest.approx(0.003, abs=0.0005)
+    # 1 N/cm2 on the palm's corner cell beside finger 1.
+    assert (palm['finger'], palm['flags']) == (4, 1)
+    assert [palm[name] for name in 'xyz'] == pytest.approx([-0.022, -0.0159, 0.0813], abs=1e-5)
+    assert palm['fz'] == pytest.approx(0.97, abs=1e-5)
 
 
 @pytest.mark.timeout(180)

@@ -1,10 +1,8 @@
 """Parameters: every default passes its own check, every wrong value is named."""
 
-from pathlib import Path
-
 import pytest
 
-from barrett_hand_bridge.parameters import PARAMETERS, ParameterError, check, check_all, table
+from barrett_hand_bridge.parameters import PARAMETERS, ParameterError, check, check_all
 
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 
@@ -50,8 +48,3 @@ def test_values_are_checked_together(name, value, complaint):
 
 def test_unknown_gravity_is_allowed():
     check_all({**DEFAULTS, 'gravity': [0.0, 0.0, 0.0]})
-
-
-def test_the_readme_holds_the_table_of_the_declarations():
-    readme = (Path(__file__).parents[1] / 'README.md').read_text()
-    assert table() in readme

@@ -51,8 +51,8 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         'touch',
         'none',
-        'touch cells of a BH8-280, fingers and palm: none, top10 or full; each pressed cell becomes '
-        'a contact',
+        'touch cells of a BH8-280, fingers and palm: none, top10 or full; each pressed cell '
+        'becomes a contact',
         choices=('none', 'top10', 'full'),
     ),
     Parameter(

@@ -243,6 +243,23 @@ def offline() -> Iterator[Row]:
     )
 
 
+def bare_gain() -> float:
+    """What this machine gains from a second process: a loop that only counts, alone and twice."""
+    count = (
+        'import time; begin = time.perf_counter(); sum(range(3 * 10**8)); '
+        'print(time.perf_counter() - begin)'
+    )
+
+    def seconds(processes: int) -> float:
+        running = [
+            subprocess.Popen([sys.executable, '-c', count], stdout=subprocess.PIPE, text=True)
+            for _ in range(processes)
+        ]
+        return max(float(process.communicate()[0]) for process in running)
+
+    return 2.0 * seconds(1) / seconds(2)
+
+
 def throughput(folder: Path) -> Iterator[Row]:
     """Eight tasks on one and on two processes, the start of the workers left out."""
     from grasp_replay.campaign import Task, run_campaign
@@ -269,6 +286,7 @@ def throughput(folder: Path) -> Iterator[Row]:
         '>= 1.7',
         gain >= 1.7,
     )
+    yield Row('two bare loops, throughput of two processes over one', f'{bare_gain():.2f}')
 
 
 def identical(folder: Path, runs: int) -> Iterator[Row]:

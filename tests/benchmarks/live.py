@@ -142,7 +142,7 @@ def squeeze(live: Live, truth: Truth, seconds: float) -> dict[str, float]:
     """Play one squeeze in real time; errors against the truth at the same instants."""
     errors, estimates, durations = [], [], []
     warm = time.perf_counter()
-    while time.perf_counter() - warm < 1.5:
+    while time.perf_counter() - warm < 1.5 or not live.results:
         live.step(squeeze_sample(time.monotonic_ns(), truth.at(1e-5)[0], 1e-5))
         time.sleep(1.0 / RATE)
     before, start = live.results, time.perf_counter()

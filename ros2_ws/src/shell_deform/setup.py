@@ -25,7 +25,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'deformation = shell_deform.deformation_node:main',
+            'deformation = shell_deform.commands.deformation:main',
             'shell_solve = shell_deform.commands.shell_solve:main',
             'shell_verify = shell_deform.commands.shell_verify:main',
             'shell_objects = shell_deform.commands.shell_objects:main',

@@ -2,58 +2,57 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import rclpy
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import PointCloud2
-from shape_msgs.msg import Mesh
-from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import Marker
 
 from shell_deform import messages, parameters
+from shell_deform.deformation_topics_node import DeformationTopics
+from shell_deform.live import diagnosis
 from shell_deform.live.estimator import Estimator, Served
-from shell_deform.live.health import Latencies, StampWatch
+from shell_deform.live.health import Arrival, Figures, process_age
 from shell_deform.live.modulus import ModulusFilter
 from shell_deform.live.pose import Pose, PoseError, pose_of
 from shell_deform.live.sample import SampleError, check
-from shell_deform.live.serve_kernel import NONLINEAR_FIELDS
-from shell_deform.live.states import LiveState, Watch
-from shell_deform.live.worker_link import Build, WorkerError, WorkerLink, empty_request
+from shell_deform.live.states import Watch
+from shell_deform.live.worker_link import (
+    Build,
+    WorkerError,
+    WorkerLink,
+    WorkerProcess,
+    empty_request,
+)
 from shell_deform.objects import load_object
 
-CONTACTS_DEPTH = 500
-# Answers a slow listener may fall behind before one is overwritten.
-ANSWERS_DEPTH = 100
-WATCH_PERIOD_S = 0.005
-CONTRADICTION_LIMIT = 3.0
+CONTACTS = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
+POSES = QoSProfile(depth=10)
+TEND_PERIOD_S = 0.02
+MARKER_PERIOD_S = 0.5
 POSE_CHANGE = 1e-3
-SCALARS = (
-    'max_displacement',
-    'linearity',
-    'strain_energy',
-    'nonlinear_age',
-    'snap_margin',
-    'contradiction',
-)
 REBUILD_PARAMETERS = frozenset({'object', 'theory', 'control_vertices', 'background_niceness'})
 
 
 class DeformationNode(Node):
     """Answers every sample of `hand/contacts` with the surface; see the package README."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, ahead: WorkerProcess | None = None, **options: Any) -> None:
+        """`ahead`: a background process started before, which waits for what to build."""
         super().__init__('deformation', **options)
         for parameter in parameters.PARAMETERS:
             self.declare_parameter(
@@ -64,57 +63,42 @@ class DeformationNode(Node):
         self.add_on_set_parameters_callback(self._validate)
         self.add_post_set_parameters_callback(self._apply)
 
+        self.link = WorkerLink(_build(values), ahead)
         self.estimator: Estimator | None = None
         self.modulus: ModulusFilter | None = None
         self.watch = Watch()
-        self.stamps = StampWatch()
-        self.ticks = Latencies()
-        self.refused = 0
-        self.results = 0
+        self.figures = Figures()
         self.served: Served | None = None
         self.failure = ''
         self._unusable = ''
         self._topic_pose: Pose | None = None
         self._frame = ''
-        self._reset_asked = False
+        self._resets = 0
         self._somebody_publishes = True
-        self._published_state: LiveState | None = None
         self._marker_stamp = 0
         self._request = empty_request()
         self._reader = messages.ContactReader()
-        self._settings = parameters.settings(values)
-        self._configure(values)
-        self.link = WorkerLink(_build(values))
-
-        reliable = QoSProfile(depth=ANSWERS_DEPTH)
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._clouds = {
-            name: self.create_publisher(PointCloud2, f'deformation/{name}', reliable)
-            for name in ('surface', 'linear', 'nonlinear')
-        }
-        self._scalars = {
-            name: self.create_publisher(Float64, f'deformation/{name}', reliable)
-            for name in SCALARS
-        }
-        self._modulus = {
-            name: self.create_publisher(Float64, f'deformation/{name}', reliable)
-            for name in ('modulus', 'modulus_sigma')
-        }
-        self._mesh = self.create_publisher(Mesh, 'deformation/mesh', latched)
-        self._marker = self.create_publisher(Marker, 'deformation/marker', latched)
-        self._state = self.create_publisher(String, 'deformation/state', latched)
-        self._diagnostics = self.create_publisher(
-            messages.DiagnosticArray, '/diagnostics', reliable
-        )
-        best_effort = QoSProfile(depth=CONTACTS_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self.create_subscription(PointCloud2, 'hand/contacts', self._contacts, best_effort)
-        self.create_subscription(PoseStamped, 'object_pose', self._pose_message, reliable)
-        self.create_service(Trigger, 'deformation/reset', self._reset)
+        self._topics = DeformationTopics(self)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(WATCH_PERIOD_S, self._look, clock=steady)
+        self._silence = self.create_timer(self.watch.deadline, self._look, clock=steady)
+        self._marker_timer = self.create_timer(MARKER_PERIOD_S, self._show_marker, clock=steady)
+        self.create_timer(TEND_PERIOD_S, self._tend, clock=steady)
         self.create_timer(1.0, self._diagnose, clock=steady)
-        self._marker_timer = self.create_timer(0.5, self._publish_marker, clock=steady)
-        self._publish_state(self.watch.state)
+        self._configure(values)
+        # Default event callbacks cost something at every wake-up; the publisher warns on its side.
+        silent = SubscriptionEventCallbacks(use_default_callbacks=False)
+        self.create_subscription(
+            PointCloud2,
+            'hand/contacts',
+            self._contacts,  # type: ignore[arg-type]  # the hints forget callbacks with info
+            CONTACTS,
+            event_callbacks=silent,
+        )
+        self.create_subscription(
+            PoseStamped, 'object_pose', self._pose_message, POSES, event_callbacks=silent
+        )
+        self.create_service(Trigger, 'deformation/reset', self._reset)
+        self._topics.state(self.watch.state)
 
     # ---- parameters
 
@@ -142,79 +126,84 @@ class DeformationNode(Node):
         self._settings = parameters.settings(values)
         if self.estimator is not None:
             self.estimator.settings = self._settings
+        if self.modulus is not None:
+            self.modulus.errors = self._settings.errors
         self.watch.periods = float(values['stale_periods'])
         self.watch.floor = float(values['stale_floor'])
         self._parameter_pose = (
             pose_of(list(values['object_pose'])) if values['placement'] == 'given' else None
         )
-        if self.modulus is not None:
-            self.modulus.errors = self._settings.errors
         self._learns = bool(values['estimate_modulus'])
         self._given_frame = str(values['frame'])
         self._marker_rate = float(values['marker_rate'])
-        if hasattr(self, '_marker_timer') and self._marker_rate > 0:
+        if self._marker_rate > 0:
             self._marker_timer.timer_period_ns = int(1e9 / self._marker_rate)
 
     # ---- the fast loop
 
-    def _contacts(self, message: PointCloud2) -> None:
-        began = time.perf_counter()
-        now = time.monotonic()
+    def _contacts(self, message: PointCloud2, info: dict[str, int]) -> None:
+        began, now = time.perf_counter(), time.monotonic()
+        figures = self.figures
         try:
             sample = self._reader.read(message)
             check(sample)
         except (messages.MessageError, SampleError) as error:
-            self.refused += 1
+            figures.refused += 1
             self._unusable = str(error)
             self.get_logger().error(str(error), throttle_duration_sec=5.0)
-            self._publish_state(self.watch.refused(now))
+            self._topics.state(self.watch.refused(now))
+            self._await_next()
             return
-        backwards = self.stamps.backwards
-        if not self.stamps.arrived(sample.stamp):
+        arrival = figures.stamps.arrived(sample.stamp, now)
+        if arrival is Arrival.REPEATED:
             return
-        if self.stamps.backwards > backwards:
-            self.get_logger().info('time went back: starting from the undeformed shell')
+        if arrival is Arrival.JUMPED:
+            self.get_logger().info('time has jumped: starting from the undeformed shell')
             self._start_anew()
         self._frame = self._given_frame or message.header.frame_id
         state = self.watch.sample(sample, now)
-        self._publish_state(state)
+        self._topics.state(state)
+        self._await_next()
         estimator = self.estimator
         if estimator is None or not state.is_served:
             return
         slot = self.link.worker.newer_result()
         if slot is not None:
             estimator.adopt(slot)
-            self.results += 1
+            figures.refreshed(int(slot.record['answers']))
         estimator.pose = self._given_pose
         served = estimator.tick(sample)
-        self._publish('surface', served.packed, served.stamp)
-        self.ticks.add(time.perf_counter() - began)
+        self._topics.cloud('surface', served.packed, served.stamp, self._frame)
+        figures.ticks.add(time.perf_counter() - began)
+        figures.answers.add(1e-9 * (time.time_ns() - info['source_timestamp']))
         self.served = served
         self._post(estimator)
         self._publish_more(estimator, served, slot is not None)
+        if not figures.first_surface:
+            figures.first_surface = process_age()
+
+    def _await_next(self) -> None:
+        """The next sample has until the deadline, then the node looks at the silence."""
+        period = int(1e9 * self.watch.deadline)
+        if abs(period - self._silence.timer_period_ns) > 0.01 * period:
+            self._silence.timer_period_ns = period
+        self._silence.reset()
 
     def _post(self, estimator: Estimator) -> None:
         record = self._request[0]
         estimator.fill_request(record)
-        record['reset'] = int(self._reset_asked)
-        self._reset_asked = False
+        record['resets'] = self._resets
         self.link.worker.post(self._request)
 
-    def _publish(self, name: str, packed: Any, stamp: int) -> None:
-        writer = self._nonlinear_writer if name == 'nonlinear' else self._writer
-        self._clouds[name].publish(writer.message(packed, stamp, self._frame))
-
     def _publish_more(self, estimator: Estimator, served: Served, new_result: bool) -> None:
-        for name, publisher in self._scalars.items():
-            if publisher.get_subscription_count():
-                publisher.publish(messages.number(getattr(served, name)))
-        if self._clouds['linear'].get_subscription_count():
-            self._publish('linear', estimator.linear(), served.stamp)
-        if new_result and self._clouds['nonlinear'].get_subscription_count():
+        topics = self._topics
+        topics.numbers(served)
+        if topics.wanted('linear'):
+            topics.cloud('linear', estimator.linear(), served.stamp, self._frame)
+        if new_result and topics.wanted('nonlinear'):
             packed = estimator.nonlinear()
             if packed is not None and estimator.adopted is not None:
-                stamp = estimator.adopted.stamp
-                self._publish('nonlinear', packed, stamp)
+                topics.cloud('nonlinear', packed, estimator.adopted.stamp, self._frame)
         if self._learns and self.modulus is not None:
             self._learn(estimator, self.modulus)
 
@@ -224,9 +213,7 @@ class DeformationNode(Node):
         if adopted is None or posterior is None or measured is None:
             modulus.release()
         elif modulus.update(adopted.response, posterior.inputs, measured):
-            found = modulus.estimate
-            self._modulus['modulus'].publish(messages.number(found.value))
-            self._modulus['modulus_sigma'].publish(messages.number(found.sigma))
+            self._topics.modulus(modulus.estimate)
 
     @property
     def _given_pose(self) -> Pose | None:
@@ -247,7 +234,7 @@ class DeformationNode(Node):
 
     def _start_anew(self) -> None:
         """Forget contacts and equilibria, here and in the background."""
-        self._reset_asked = True
+        self._resets += 1
         self.link.worker.disown()
         self.served = None
         if self.estimator is not None:
@@ -256,10 +243,12 @@ class DeformationNode(Node):
     # ---- slow things
 
     def _look(self) -> None:
-        now = time.monotonic()
-        self._publish_state(self.watch.look(now, self._somebody_publishes))
+        self._topics.state(self.watch.look(time.monotonic(), self._somebody_publishes))
+
+    def _tend(self) -> None:
+        self._look()
         try:
-            ready = self.link.tend(now)
+            ready = self.link.tend(time.monotonic())
         except WorkerError as error:
             if str(error) != self.failure:
                 self.failure = str(error)
@@ -280,42 +269,29 @@ class DeformationNode(Node):
             # The same shell again after a restart: its last good state is still the best known.
             self.estimator.adopted = previous.adopted
             return
-        young = load_object(self.get_parameter('object').value).young_modulus_pa
-        self.modulus = ModulusFilter(young, self._settings.errors)
-        self._writer = messages.SurfaceWriter(len(memory.rest))
-        self._nonlinear_writer = messages.SurfaceWriter(len(memory.rest), NONLINEAR_FIELDS)
+        name = self.get_parameter('object').value
+        self.modulus = ModulusFilter(load_object(name).young_modulus_pa, self._settings.errors)
+        self._topics.resize(len(memory.rest))
         self._publish_mesh()
-        self.get_logger().info(
-            f'{self.get_parameter("object").value}: {len(memory.rest)} vertices, serving'
-        )
+        # What is there now stays: the collector need not walk through it beside the fast loop.
+        gc.collect()
+        gc.freeze()
+        self.get_logger().info(f'{name}: {len(memory.rest)} vertices, serving')
 
     def _publish_mesh(self) -> None:
-        """Topology and rest positions, in the same frame as the surface."""
         memory = self.link.worker.memory
         if memory is not None and self.estimator is not None:
             pose = self.estimator.pose_in_use
             self._mesh_pose = pose.numbers
-            self._mesh.publish(
-                messages.mesh_message(memory.triangles, pose.from_object(memory.rest))
-            )
+            self._topics.mesh(memory.triangles, pose.from_object(memory.rest))
 
-    def _publish_state(self, state: LiveState) -> None:
-        if state is not self._published_state:
-            self._published_state = state
-            self._state.publish(messages.text(state.value))
-
-    def _publish_marker(self) -> None:
+    def _show_marker(self) -> None:
         served, memory = self.served, self.link.worker.memory
         if served is None or memory is None or not self._marker_rate:
             return
-        if served.stamp == self._marker_stamp or not self._marker.get_subscription_count():
-            return
-        if len(served.packed) != len(memory.rest):
-            return
-        self._marker_stamp = served.stamp
-        self._marker.publish(
-            messages.marker_message(memory.triangles, served.packed, served.stamp, self._frame)
-        )
+        if served.stamp != self._marker_stamp and len(served.packed) == len(memory.rest):
+            self._marker_stamp = served.stamp
+            self._topics.marker(memory.triangles, served.packed, served.stamp, self._frame)
 
     def _diagnose(self) -> None:
         self._somebody_publishes = self.count_publishers('hand/contacts') > 0
@@ -323,72 +299,14 @@ class DeformationNode(Node):
             moved = self.estimator.pose_in_use.numbers - self._mesh_pose
             if abs(moved).max() > POSE_CHANGE:
                 self._publish_mesh()
-        level, summary, values = self._health()
-        self._diagnostics.publish(
-            messages.diagnostics(
-                self.get_clock().now().nanoseconds,
-                f'{self.get_fully_qualified_name()[1:]}: surface',
-                level,
-                summary,
-                values,
-            )
-        )
-
-    def _health(self) -> tuple[str, str, dict[str, object]]:
-        state, served = self.watch.state, self.served
-        estimator = self.estimator
-        adopted = estimator.adopted if estimator is not None else None
-        values: dict[str, object] = {
-            'state': state.value,
-            'object': self.get_parameter('object').value,
-            'drive': self.get_parameter('drive').value,
-            'samples': self.stamps.samples,
-            'lost': self.stamps.lost,
-            'refused': self.refused,
-            'backward stamps': self.stamps.backwards,
-            'input rate [Hz]': 1.0 / self.watch.period if self.watch.period else 0.0,
-            'tick median [ms]': 1e3 * self.ticks.percentile(50),
-            'tick p99 [ms]': 1e3 * self.ticks.percentile(99),
-            'background restarts': self.link.restarts,
-            'background alive': self.link.worker.alive,
-            'background results': self.results,
-        }
-        if adopted is not None:
-            record = adopted.slot.record
-            values['load cases overtaken'] = int(record['dropped'])
-            values['background solve [ms]'] = 1e3 * float(record['seconds'])
-            values['load carried'] = adopted.share
-            values['stable'] = adopted.stable
-            values['object pose'] = ' '.join(f'{v:.5g}' for v in adopted.pose.numbers)
-            values['background says'] = adopted.message
-        if served is not None:
-            values['nonlinear age [s]'] = served.nonlinear_age
-            values['error of the linear step [mm]'] = 1e3 * served.extrapolation
-            values['contradiction'] = served.contradiction
-            values['suspect'] = served.suspect
-            values['unbalanced force [N]'] = estimator.unbalance if estimator is not None else 0.0
-            values['snap margin'] = served.snap_margin
-        if self._learns and self.modulus is not None:
-            found = self.modulus.estimate
-            values["Young's modulus [Pa]"] = found.value
-            values["Young's modulus, sigma [Pa]"] = found.sigma
-        if self.failure:
-            return 'error', self.failure, values
-        if state is LiveState.FAULT:
-            return 'error', self._unusable or 'a finger reports a fault', values
-        if state is LiveState.STALE:
-            return 'stale', 'no fresh contacts', values
-        if estimator is None:
-            return 'warn', 'the background process is building the shell', values
-        if not self.link.worker.alive:
-            return 'warn', 'the background process ended and is started again', values
-        if served is not None and served.contradiction > CONTRADICTION_LIMIT:
-            return 'warn', f'force and motion contradict: {served.suspect}', values
-        if adopted is not None and adopted.share < 1.0:
-            return 'warn', f'the last load case is not carried: {adopted.message}', values
-        if state is LiveState.SATURATED:
-            return 'warn', 'a gauge is saturated', values
-        return 'ok', state.value, values
+        learned = self.modulus.estimate if self._learns and self.modulus is not None else None
+        condition = diagnosis.Condition(
+            self.watch.state, self.watch.period, self.figures, self.link, self.estimator,
+            self.served, learned, self.failure, self._unusable,
+        )  # fmt: skip
+        chosen = {name: self.get_parameter(name).value for name in ('object', 'drive')}
+        values = {**chosen, **diagnosis.values(condition, time.monotonic())}
+        self._topics.diagnostics(*diagnosis.judge(condition), values)
 
     def close(self) -> None:
         """End the background process."""
@@ -404,18 +322,15 @@ def _build(values: dict[str, Any]) -> Build:
     )
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the node until it is told to stop; returns the exit code."""
-    given = remove_ros_args(sys.argv[1:] if arguments is None else arguments)
-    if {'-h', '--help'} & set(given):
-        print(parameters.usage())
-        return 0
+def run(arguments: Sequence[str], ahead: WorkerProcess | None = None) -> int:
+    """Spin the node until it is told to stop; returns the exit code. `ahead`: see the node."""
+    given = remove_ros_args(list(arguments))
     if given:
         print(f'deformation: unknown argument {given[0]!r}; see --help', file=sys.stderr)
         return 2
-    rclpy.init(args=arguments)
+    rclpy.init(args=list(arguments))
     try:
-        node = DeformationNode()
+        node = DeformationNode(ahead)
     except (
         parameters.ParameterError,
         InvalidParameterTypeException,
@@ -436,7 +351,3 @@ def main(arguments: list[str] | None = None) -> int:
         node.destroy_node()
         rclpy.try_shutdown()
     return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())

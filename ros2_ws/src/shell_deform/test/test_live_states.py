@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from live_hand import opposed, sample
 
-from shell_deform.live.health import Latencies, StampWatch
+from shell_deform.live.health import Arrival, Figures, Latencies, StampWatch
 from shell_deform.live.pose import Pose, PoseError, pose_of, quaternion, rotation_of
 from shell_deform.live.sample import (
     FLAG_CONTACT,
@@ -125,20 +125,69 @@ def test_missing_radius_becomes_the_default():
     assert merged.radius == pytest.approx([2e-3, 2e-3])
 
 
+def arrivals(watch, times, now=None):
+    """What a watch says of stamps [s] that arrive at steady times `now` [s], else at their own."""
+    return [
+        watch.arrived(round(1e9 * stamp), clock)
+        for stamp, clock in zip(times, times if now is None else now, strict=True)
+    ]
+
+
 def test_lost_samples_are_counted_from_the_stamps():
     watch = StampWatch()
-    for i in (0, 1, 2, 3, 6, 7):
-        assert watch.arrived(i * 10_000_000)
+    arrivals(watch, [0.0, 0.01, 0.02, 0.03, 0.06, 0.07])
     assert watch.lost == 2
     assert watch.samples == 6
 
 
-def test_a_repeated_stamp_is_not_answered_and_a_step_back_starts_anew():
+def test_a_repeated_stamp_is_told_from_a_new_one():
     watch = StampWatch()
-    watch.arrived(100)
-    assert not watch.arrived(100)
-    assert watch.arrived(50)
-    assert (watch.repeated, watch.backwards, watch.lost) == (1, 1, 0)
+    assert arrivals(watch, [1.0, 1.0, 1.01]) == [Arrival.NEXT, Arrival.REPEATED, Arrival.NEXT]
+    assert (watch.repeated, watch.samples) == (1, 2)
+
+
+@given(st.floats(1e-6, 1e4), st.floats(1e-3, 0.1), st.integers(2, 30))
+def test_any_step_back_is_a_jump_of_time_and_no_loss(back, period, count):
+    watch = StampWatch()
+    before = [1e5 + i * period for i in range(count)]
+    arrivals(watch, before)
+    again = before[-1] - back
+    assert arrivals(watch, [again], [before[-1] + period]) == [Arrival.JUMPED]
+    assert (watch.jumps, watch.lost) == (1, 0)
+
+
+@given(st.floats(1.5, 1e4), st.floats(1e-3, 0.1), st.integers(2, 30))
+def test_stamps_that_run_ahead_of_the_steady_clock_are_a_jump_and_no_loss(ahead, period, count):
+    watch = StampWatch()
+    before = [i * period for i in range(count)]
+    arrivals(watch, before)
+    seek = before[-1] + ahead
+    assert arrivals(watch, [seek], [before[-1] + period]) == [Arrival.JUMPED]
+    assert (watch.jumps, watch.lost) == (1, 0)
+    assert arrivals(watch, [seek + period], [before[-1] + 2 * period]) == [Arrival.NEXT]
+
+
+@given(st.floats(0.5, 1e4))
+def test_a_pause_in_which_both_clocks_go_on_is_no_jump(pause):
+    watch = StampWatch()
+    times = [0.0, 0.01, 0.02, 0.02 + pause, 0.03 + pause]
+    assert set(arrivals(watch, times)) == {Arrival.NEXT}
+    assert watch.jumps == 0
+
+
+def test_a_slow_stream_that_is_played_fast_does_not_jump():
+    watch = StampWatch()
+    stamps = [2.0 * i for i in range(10)]
+    assert set(arrivals(watch, stamps, [0.1 * s for s in stamps])) == {Arrival.NEXT}
+
+
+def test_two_results_for_one_load_case_are_one_refresh():
+    figures = Figures()
+    for answers in (1, 1, 4, 5, 5):
+        figures.refreshed(answers)
+    assert figures.refreshes == 3
+    assert figures.refresh_rate(2.0) == pytest.approx(1.5)
+    assert figures.refresh_rate(3.0) == 0.0
 
 
 def test_latency_percentiles_are_those_of_the_last_values():

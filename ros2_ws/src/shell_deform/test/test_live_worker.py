@@ -38,13 +38,14 @@ def worker():
     process.stop()
 
 
-def ask(worker, depth, stamp):
+def ask(worker, depth, stamp, resets=0):
     """Post a squeeze to `depth` [m]."""
     estimator = Estimator(worker.memory.rest, worker.memory.rest_normals, Settings())
     estimator.pose = IDENTITY
     estimator.tick(live_hand.opposed([0.3, 0.3], [depth] * 2, stamp=stamp, radius=4e-3))
     request = empty_request()
     estimator.fill_request(request[0])
+    request[0]['resets'] = resets
     worker.post(request)
 
 
@@ -92,6 +93,33 @@ def test_an_answer_that_was_disowned_is_not_taken(worker):
     assert worker.newer_result() is None
     ask(worker, 1e-3, 301)
     assert int(answer_to(worker, 301).record['stamp']) == 301
+
+
+def test_a_reset_is_obeyed_although_its_load_case_is_overtaken(worker):
+    ask(worker, 1e-3, 400)
+    grasped = int(answer_to(worker, 400).record['generation'])
+    for stamp in range(401, 420):
+        ask(worker, 1e-3, stamp, resets=1)
+    anew = int(answer_to(worker, 419).record['generation'])
+    assert anew > grasped
+    ask(worker, 1e-3, 420, resets=1)
+    assert int(answer_to(worker, 420).record['generation']) == anew
+
+
+def test_a_process_that_is_never_told_what_to_build_ends_with_its_owner():
+    process = WorkerProcess()
+    process.stop(patience_s=60.0)
+    assert process.process.returncode == 0
+
+
+def test_a_process_started_ahead_builds_what_it_is_told():
+    link = WorkerLink(BALL, WorkerProcess())
+    try:
+        until(lambda: link.tend(time.monotonic()))
+        assert link.restarts == 0
+        assert link.worker.thickness == pytest.approx(2.5e-3)
+    finally:
+        link.stop()
 
 
 def test_an_unknown_object_is_reported_in_one_sentence():

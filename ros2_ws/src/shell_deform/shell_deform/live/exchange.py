@@ -41,7 +41,7 @@ REQUEST = np.dtype(
         ('begin', '<i8'),
         ('stamp', '<i8'),
         ('generation', '<i8'),
-        ('reset', '<i8'),
+        ('resets', '<i8'),
         ('contacts', '<i8'),
         ('drive', '<i8'),
         ('placed', '<i8'),

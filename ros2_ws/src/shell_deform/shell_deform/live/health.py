@@ -1,10 +1,20 @@
-"""Figures of the running node: latencies, rates, losses."""
+"""Figures of the running node: latencies, rates, losses, memory."""
 
 from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
 
 import numpy as np
 
 WINDOW = 4096
+JUMP_S = 1.0
+"""Stamps that leave the steady clock by more have jumped; less is a loss of samples [s]."""
+JUMP_PERIODS = 10.0
+"""And by so many sample periods: a slow stream played fast does not jump."""
 
 
 class Latencies:
@@ -25,41 +35,109 @@ class Latencies:
         return float(np.percentile(known, share)) if len(known) else 0.0
 
 
+class Arrival(Enum):
+    """What a stamp says about its sample."""
+
+    NEXT = 'goes on from the last one'
+    REPEATED = 'is the last one again'
+    JUMPED = 'belongs to another time: what happened in between was not seen'
+
+
 class StampWatch:
-    """Counts what the stamps of a stream tell: samples, losses, repeats and steps back."""
+    """Counts what the stamps of a stream tell: samples, losses, repeats and jumps of time.
+
+    Time jumps when it goes back (a bag played again, a seek) and when it runs ahead of the steady
+    clock (a seek forwards, a clock set anew). A pause of the hand is neither: both clocks go on.
+    """
 
     def __init__(self) -> None:
         self.samples = 0
         self.lost = 0
         self.repeated = 0
-        self.backwards = 0
+        self.jumps = 0
         self._last = 0
+        self._arrived = 0.0
         self._period = 0.0
 
-    def arrived(self, stamp_ns: int) -> bool:
-        """Take a stamp; False if it repeats the last one and should not be answered again.
-
-        After a step back (a bag played again, a seek) `backwards` has risen.
-        """
+    def arrived(self, stamp_ns: int, now: float) -> Arrival:
+        """Take the stamp of a sample that arrived at steady time `now` [s]."""
         if self.samples and stamp_ns == self._last:
             self.repeated += 1
-            return False
+            return Arrival.REPEATED
         gap = 1e-9 * (stamp_ns - self._last)
-        if self.samples:
-            if gap < 0:
-                self.backwards += 1
-                self._period = 0.0
-            elif self._period == 0.0:
-                self._period = gap
-            else:
-                missing = round(gap / self._period) - 1
-                # A pause is no loss: beyond a second the stream stopped.
-                if missing > 0 and gap < 1.0:
-                    self.lost += missing
-                elif missing == 0:
-                    self._period += 0.1 * (gap - self._period)
-                elif gap < self._period:
-                    self._period = gap
+        ahead = gap - (now - self._arrived)
+        first = self.samples == 0
         self.samples += 1
-        self._last = stamp_ns
-        return True
+        self._last, self._arrived = stamp_ns, now
+        if first:
+            return Arrival.NEXT
+        runs_ahead = ahead > JUMP_S and 0.0 < JUMP_PERIODS * self._period < gap
+        if gap < 0.0 or runs_ahead:
+            self.jumps += 1
+            self._period = 0.0
+            return Arrival.JUMPED
+        self._count_lost(gap)
+        return Arrival.NEXT
+
+    def _count_lost(self, gap: float) -> None:
+        if self._period == 0.0:
+            self._period = gap
+            return
+        missing = round(gap / self._period) - 1
+        # A pause is no loss: beyond a second the stream stopped.
+        if missing > 0 and gap < 1.0:
+            self.lost += missing
+        elif missing == 0:
+            self._period += 0.1 * (gap - self._period)
+        elif gap < self._period:
+            self._period = gap
+
+
+@dataclass
+class Figures:
+    """What the node counts and measures.
+
+    Attributes:
+        stamps: of the contacts. ticks: from the call for a sample to its published surface.
+        answers: from the publication of a sample, elsewhere, to that of its surface.
+        refused: samples that could not be used. refreshes: load cases answered in the background.
+        first_surface: from the start of the process to the first served surface [s].
+    """
+
+    stamps: StampWatch = field(default_factory=StampWatch)
+    ticks: Latencies = field(default_factory=Latencies)
+    answers: Latencies = field(default_factory=Latencies)
+    refused: int = 0
+    refreshes: int = 0
+    first_surface: float = 0.0
+    _answered: int = 0
+    _counted: int = 0
+    _counted_at: float = 0.0
+
+    def refreshed(self, answers: int) -> None:
+        """A result for load case number `answers` came; a second one for it is no refresh."""
+        self.refreshes += int(answers != self._answered)
+        self._answered = answers
+
+    def refresh_rate(self, now: float) -> float:
+        """Refreshes per second [Hz] since the last call; `now` is steady [s]."""
+        rate = (self.refreshes - self._counted) / max(now - self._counted_at, 1e-9)
+        self._counted, self._counted_at = self.refreshes, now
+        return rate
+
+
+def resident(pid: int) -> float:
+    """Resident memory of a process [byte], 0 if there is none of that number."""
+    try:
+        pages = Path(f'/proc/{pid}/statm').read_text().split()[1]
+    except OSError:
+        return 0.0
+    return float(pages) * os.sysconf('SC_PAGE_SIZE')
+
+
+def process_age() -> float:
+    """How long this process runs [s]."""
+    # proc(5): field 22 is the start in clock ticks after boot; the name before may hold spaces.
+    started = Path('/proc/self/stat').read_text().rsplit(')', 1)[1].split()[19]
+    ticks = float(started) / os.sysconf('SC_CLK_TCK')
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - ticks

@@ -37,8 +37,12 @@ class Load:
     reset: bool = False
 
 
-def load_of(request: np.void) -> Load:
-    """Read a mailbox record."""
+def load_of(request: np.void, resets: int = 0) -> Load:
+    """Read a mailbox record.
+
+    It counts the resets asked for so far, since load cases are overtaken; `resets` of them were
+    obeyed already.
+    """
     touches = tuple(
         Touch(
             int(t['finger']),
@@ -59,5 +63,5 @@ def load_of(request: np.void) -> Load:
         tendon=float(request['tendon']),
         pose=pose_of(request['pose']) if request['placed'] else None,
         stamp=int(request['stamp']),
-        reset=bool(request['reset']),
+        reset=int(request['resets']) > resets,
     )

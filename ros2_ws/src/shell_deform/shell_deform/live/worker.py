@@ -19,19 +19,18 @@ import sys
 
 import numpy as np
 
+from shell_deform.building import build_model
 from shell_deform.live.exchange import Layout, SharedMemory, create
 from shell_deform.live.load_case import load_of
 from shell_deform.live.solving import LiveSolver
 from shell_deform.model import ShellModel
+from shell_deform.objects import load_object
 
 FAILURES_TO_GIVE_UP = 5
 
 
 def build(options: dict[str, object]) -> ShellModel:
     """The shell that `options` (object, theory, control_vertices) describe."""
-    from shell_deform.building import build_model
-    from shell_deform.objects import load_object
-
     count = options.get('control_vertices')
     return build_model(
         load_object(str(options['object'])),
@@ -60,6 +59,7 @@ class Loop:
         self.memory = memory
         self.event = event
         self.dropped = 0
+        self.resets = 0
         self.results = 0
         self.failures = 0
 
@@ -79,7 +79,8 @@ class Loop:
         if request is None:
             return
         try:
-            self.solver.take(load_of(request[0]))
+            self.solver.take(load_of(request[0], self.resets))
+            self.resets = int(request[0]['resets'])
             self._publish(int(request[0]['begin']), fresh=False)
             if self.solver.refine():
                 self._publish(int(request[0]['begin']), fresh=True)
@@ -105,16 +106,17 @@ def main() -> int:
     """Run the process; returns the exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     connection = socket.socket(fileno=int(sys.argv[1]))
-    options = json.loads(connection.makefile('r').readline())
+    line = connection.makefile('r').readline()
+    if not line:
+        # Whoever started this process ahead ended before it knew what to build.
+        return 0
+    options = json.loads(line)
     os.nice(int(options['niceness']))
     try:
         solver = LiveSolver(build(options))
     except (ValueError, OSError) as error:
         connection.sendall(json.dumps({'error': str(error)}).encode() + b'\n')
         return 1
-    # A shell may have no place for a contact there; the first real one then takes longer.
-    with contextlib.suppress(ValueError, RuntimeError):
-        solver.warm_up()
     memory, descriptor = share(solver)
     layout = memory.layout
     hello = {
@@ -128,6 +130,10 @@ def main() -> int:
         # Whoever asked for the shell has ended meanwhile.
         return 0
     os.close(descriptor)
+    # The surface at rest is served meanwhile. A shell may have no place for a contact there; the
+    # first real one then takes longer.
+    with contextlib.suppress(ValueError, RuntimeError):
+        solver.warm_up()
     Loop(solver, memory, int(sys.argv[2])).run(connection)
     return 0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import socket
@@ -42,10 +43,13 @@ class Build:
 
 
 class WorkerProcess:
-    """One running process and, once it has built the shell, the memory shared with it."""
+    """One running process and, once it has built the shell, the memory shared with it.
 
-    def __init__(self, build: Build) -> None:
-        self.build = build
+    Without a `build` it starts ahead, while its owner still finds out what is wanted: `start`
+    tells it.
+    """
+
+    def __init__(self, build: Build | None = None) -> None:
         self.memory: SharedMemory | None = None
         self.thickness = 0.0
         self._sequence = 0
@@ -62,15 +66,22 @@ class WorkerProcess:
             stdin=subprocess.DEVNULL,
         )
         theirs.close()
+        ours.setblocking(False)
         self._socket = ours
+        if build is not None:
+            self.start(build)
+
+    def start(self, build: Build) -> None:
+        """Tell the process what to build, once."""
         options = {
             'object': build.object_name,
             'theory': build.theory,
             'control_vertices': build.control_vertices,
             'niceness': build.niceness,
         }
-        ours.sendall(json.dumps(options).encode() + b'\n')
-        ours.setblocking(False)
+        # One that died already is found dead, and replaced, by whoever looks after it.
+        with contextlib.suppress(BrokenPipeError):
+            self._socket.sendall(json.dumps(options).encode() + b'\n')
 
     @property
     def alive(self) -> bool:
@@ -134,9 +145,12 @@ class WorkerProcess:
 class WorkerLink:
     """Keeps a process running; after a death the next one waits longer, up to ten seconds."""
 
-    def __init__(self, build: Build) -> None:
+    def __init__(self, build: Build, ahead: WorkerProcess | None = None) -> None:
+        """`ahead`: a process started ahead for this."""
         self.restarts = 0
-        self.worker = WorkerProcess(build)
+        self._build = build
+        self.worker = ahead or WorkerProcess()
+        self.worker.start(build)
         self._back_off = BACK_OFF_FIRST_S
         self._start_at = 0.0
         self._started = -np.inf
@@ -156,9 +170,8 @@ class WorkerLink:
             self._start_at = now + self._back_off
             self._back_off = min(2.0 * self._back_off, BACK_OFF_LAST_S)
         if now >= self._start_at:
-            build = self.worker.build
             self.worker.stop()
-            self.worker = WorkerProcess(build)
+            self.worker = WorkerProcess(self._build)
             self.restarts += 1
             self._started, self._start_at = now, 0.0
         return False
@@ -173,6 +186,7 @@ class WorkerLink:
     def rebuild(self, build: Build) -> None:
         """Replace the process by one for another object."""
         self.worker.stop()
+        self._build = build
         self.worker = WorkerProcess(build)
         self._start_at, self._started = 0.0, -np.inf
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import RectBivariateSpline
 
 from .shell_object import ObjectError
 
@@ -79,6 +78,9 @@ class HeightFieldTarget:
         x = np.linspace(-0.5 * self.width, 0.5 * self.width, columns)
         y = np.linspace(-0.5 * self.height, 0.5 * self.height, rows)
         order = min(3, columns - 1, rows - 1)
+        # Deferred: it takes a quarter of the start of a process that builds a ball.
+        from scipy.interpolate import RectBivariateSpline
+
         self._spline = RectBivariateSpline(x, y, heights, kx=order, ky=order, s=0)
         self._depth = depth
         self._half = 0.5 * np.array([self.width, self.height])

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from .shell_object import ObjectError
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -141,6 +144,9 @@ def _crossing(first: FloatArray, second: FloatArray) -> tuple[int, int, FloatArr
 
 def _spline(points: FloatArray) -> Piece:
     """A cubic spline through points, in arc length, at a right angle to the axis at poles."""
+    # Deferred: it takes a quarter of the start of a process that builds a ball.
+    from scipy.interpolate import CubicSpline
+
     chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     keep = np.concatenate([[True], np.diff(chord) > 1e-9 * chord[-1]])
     points, chord = points[keep], chord[keep]

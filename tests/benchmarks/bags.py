@@ -18,7 +18,6 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
 BIN = Path(sys.executable).parent
@@ -29,21 +28,13 @@ sys.path += [str(ROOT / 'ros2_ws/src/grasp_replay/test'), str(ROOT / 'tests')]
 import demo  # noqa: E402
 from bag_damage import damage, original, recovered, untouched  # noqa: E402
 from bag_samples import write_strings  # noqa: E402
+from figures import Row, show  # noqa: E402
 
 from grasp_replay.bag_reader import open_bag  # noqa: E402
 from grasp_replay.bag_writer import BagWriter  # noqa: E402
 from grasp_replay.qos import QosProfile, qos_text  # noqa: E402
 
 MEGABYTE = 2**20
-
-
-class Row(NamedTuple):
-    """A figure, its goal, and whether it is met."""
-
-    what: str
-    value: str
-    goal: str = ''
-    met: bool = True
 
 
 def wrench_cdr(index: int, nanoseconds: int) -> bytes:
@@ -343,7 +334,7 @@ def rows(names: Sequence[str] = (), long: bool = False) -> Iterator[Row]:
 
 
 def main(arguments: Sequence[str] = ()) -> int:
-    """Print the figures, tab-separated; returns 1 when one is short of its goal."""
+    """Print the figures; returns 1 when one is short of its goal."""
     parser = argparse.ArgumentParser(description=__doc__)
     names = list(checks(Path(), False))
     parser.add_argument('names', nargs='*', help=f'which figures: {", ".join(names)}')
@@ -351,12 +342,7 @@ def main(arguments: Sequence[str] = ()) -> int:
     options = parser.parse_args(arguments)
     if unknown := sorted(set(options.names) - set(names)):
         parser.error(f'no figure {", ".join(unknown)}; there are {", ".join(names)}')
-    short = 0
-    for row in rows(options.names, options.long):
-        verdict = '' if row.met else 'SHORT'
-        print('\t'.join((row.what, row.value, row.goal, verdict)), flush=True)
-        short += not row.met
-    return int(short > 0)
+    return int(show(rows(options.names, options.long)) > 0)
 
 
 if __name__ == '__main__':

@@ -29,6 +29,7 @@ TESTS = Path(__file__).parents[2] / 'ros2_ws/src/shell_deform/test'
 sys.path.insert(0, str(TESTS))
 
 from factor_matrices import geodesic_sphere, loop_pattern, shifted, springs  # noqa: E402
+from figures import HEADING, show  # noqa: E402
 
 from shell_deform.solve.factor import analyse, factorise  # noqa: E402
 
@@ -155,7 +156,7 @@ def starts() -> Iterator[Row]:
             yield what, f'{float(done.stdout):.2f} s CPU', ''
 
 
-def figures(large: bool, peers: bool) -> Iterator[Row]:
+def rows(large: bool, peers: bool) -> Iterator[Row]:
     """All rows; SuperLU, which needs minutes for it, is left out of the largest sphere."""
     for frequency, repetitions in [(8, 30), (16, 12)] + ([(32, 5)] if large else []):
         yield from sphere(frequency, repetitions, peers and frequency < 32)
@@ -169,13 +170,11 @@ def main() -> int:
     parser.add_argument('--no-peers', action='store_true', help='leave SuperLU and CHOLMOD out')
     parser.add_argument('--json', action='store_true', help='one JSON document instead')
     arguments = parser.parse_args()
-    rows = []
-    for what, value, goal in figures(arguments.large, not arguments.no_peers):
-        rows.append({'what': what, 'value': value, 'goal': goal})
-        if not arguments.json:
-            print(f'{what:<48}{value:>14}   {goal}', flush=True)
+    found = rows(arguments.large, not arguments.no_peers)
     if arguments.json:
-        print(json.dumps(rows))
+        print(json.dumps([dict(zip(HEADING, row, strict=True)) for row in found]))
+    else:
+        show(found)
     return 0
 
 

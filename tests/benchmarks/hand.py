@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from figures import Row, show
 
 from barrett_hand_bridge.commands import hand_calibrate
 from barrett_hand_bridge.gcl.driver import SerialHand
@@ -49,16 +50,6 @@ VECTORS = [
     (0, 90, 1, (-167.868, 0.0, 132.439)),
     (45, 180, 2, (25.0, 69.446, 178.154)),
 ]
-
-
-@dataclass(frozen=True)
-class Row:
-    """One figure: what was measured, its value, its goal, and whether that is met."""
-
-    what: str
-    value: str
-    goal: str
-    met: bool
 
 
 @contextmanager
@@ -351,12 +342,7 @@ def main(arguments: list[str] | None = None) -> int:
     unknown = sorted(set(options.part) - set(names))
     if unknown:
         parser.error(f'no part {unknown[0]!r}; there are {", ".join(names)}')
-    short = 0
-    for name in options.part or names:
-        for row in parts[name]():
-            verdict = '' if row.met else 'SHORT'
-            print(f'{row.what:<62} {row.value:<58} {row.goal:<34} {verdict}', flush=True)
-            short += not row.met
+    short = show(row for name in options.part or names for row in parts[name]())
     return int(short > 0)
 
 

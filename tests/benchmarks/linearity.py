@@ -6,6 +6,7 @@ the linear and the converged nonlinear displacement field under the same forces;
 what the live tick computes. `main` prints how both agree, the depth at which linear theory is
 wrong by 5 and 10 %, and where the prediction fails.
 
+    python tests/benchmarks/linearity.py                       # 24 shells, a minute
     python tests/benchmarks/linearity.py --shells 1000 --results shells.jsonl
     python tests/benchmarks/linearity.py --results shells.jsonl --report docs/linearity.md
 """
@@ -15,10 +16,12 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from figures import show
 
 from shell_deform.building import build_model
 from shell_deform.live.condensed import contact_rows
@@ -292,17 +295,21 @@ def report(shells: list[dict]) -> str:
 def main() -> int:
     """Run or report; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--shells', type=int, default=0, help='measure until so many are there')
+    parser.add_argument(
+        '--shells', type=int, help='measure until so many are there (without --results: 24)'
+    )
     parser.add_argument('--seed', type=int, default=4)
     parser.add_argument('--vertices', type=int, default=320, help='control vertices of a shell')
-    parser.add_argument('--results', type=Path, default=Path('linearity.jsonl'))
+    parser.add_argument('--results', type=Path, metavar='FILE', help='keep the shells here')
     parser.add_argument('--report', type=Path, help='write the Markdown table here')
     options = parser.parse_args()
-    if options.shells:
-        run(options.shells, options.seed, options.vertices, options.results)
-    shells = [json.loads(line) for line in options.results.read_text().splitlines()]
-    for row in figures(shells):
-        print(' | '.join(row))
+    with tempfile.TemporaryDirectory() as folder:
+        results = options.results or Path(folder) / 'shells.jsonl'
+        wanted = options.shells or (0 if options.results else 24)
+        if wanted:
+            run(wanted, options.seed, options.vertices, results)
+        shells = [json.loads(line) for line in results.read_text().splitlines()]
+    show(figures(shells))
     if options.report:
         options.report.write_text(report(shells))
     return 0

@@ -11,9 +11,11 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
+from figures import Row, show
 
 from shell_deform.building import build_model
 from shell_deform.live.condensed import contact_rows
@@ -30,24 +32,6 @@ OUTER, PIN = 0.0325, 1e-3
 DIRECTIONS = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
 RATE = 250.0
 SCANNER_M = 0.127e-3
-
-
-@dataclass(frozen=True)
-class Row:
-    """One figure: what was measured, its value, its goal, and whether that is met."""
-
-    what: str
-    value: str
-    goal: str = ''
-    met: bool = True
-
-
-def show(rows: list[Row]) -> int:
-    """Print rows; returns how many are short of their goal."""
-    for row in rows:
-        verdict = '' if row.met else 'SHORT'
-        print(f'{row.what:<68} {row.value:<32} {row.goal:<18} {verdict}', flush=True)
-    return sum(not row.met for row in rows)
 
 
 def squeeze_sample(stamp: int, force: np.ndarray, depth: float) -> ContactSample:
@@ -313,16 +297,23 @@ def noise_rows(vertices: int, seeds: int = 10) -> list[Row]:
     ]
 
 
+def rows(fine: bool) -> Iterator[Row]:
+    """All figures, with `fine` also those of 2 500 vertices."""
+    yield from late_rows(640)
+    yield from tick_rows(640, 0.2)
+    yield from squeeze_rows(640, 20.0)
+    yield from noise_rows(640)
+    if fine:
+        yield from tick_rows(2500, 0.5)
+        yield from squeeze_rows(2500, 5.0)
+
+
 def main() -> int:
     """Measure and print; returns 1 when a figure is short of its goal."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--skip-fine', action='store_true', help='only about 700 vertices')
     options = parser.parse_args()
-    short = show(late_rows(640))
-    short += show(tick_rows(640, 0.2)) + show(squeeze_rows(640, 20.0)) + show(noise_rows(640))
-    if not options.skip_fine:
-        short += show(tick_rows(2500, 0.5)) + show(squeeze_rows(2500, 5.0))
-    return int(short > 0)
+    return int(show(rows(not options.skip_fine)) > 0)
 
 
 if __name__ == '__main__':

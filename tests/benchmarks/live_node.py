@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from live import Row, show
+from figures import Row, show
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2, PointField
@@ -320,6 +320,17 @@ def _draw(picture: Path, node: np.ndarray, echoed: np.ndarray) -> None:
     pyplot.close(figure)
 
 
+def rows(options: argparse.Namespace) -> Iterator[Row]:
+    """All figures."""
+    yield from latency_rows(options.seconds, options.runs, options.picture)
+    yield from rate_rows(options.seconds)
+    for name, obj in (
+        ('tennis_ball_two_finger', 'tennis_ball'),
+        ('half_soda_can', 'half_soda_can'),
+    ):
+        yield from memory_rows(ROOT / 'bags' / name, obj, options.replay_seconds)
+
+
 def main() -> int:
     """Measure and print; returns 1 when a figure is short of its goal."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -337,13 +348,7 @@ def main() -> int:
     os.environ.setdefault('ROS_DOMAIN_ID', '87')
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     rclpy.init()
-    short = show(latency_rows(options.seconds, options.runs, options.picture))
-    short += show(rate_rows(options.seconds))
-    for name, obj in (
-        ('tennis_ball_two_finger', 'tennis_ball'),
-        ('half_soda_can', 'half_soda_can'),
-    ):
-        short += show(memory_rows(ROOT / 'bags' / name, obj, options.replay_seconds))
+    short = show(rows(options))
     rclpy.try_shutdown()
     return int(short > 0)
 

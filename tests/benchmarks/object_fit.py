@@ -25,6 +25,7 @@ from typing import TypeVar  # noqa: E402
 
 import numpy as np  # noqa: E402
 import trimesh  # noqa: E402
+from figures import HEADING, show  # noqa: E402
 from scipy.spatial import ConvexHull  # noqa: E402
 
 TESTS = Path(__file__).parents[2] / 'ros2_ws/src/shell_deform/test'
@@ -186,13 +187,11 @@ def main() -> None:
     parser.add_argument('--points', type=int, default=500_000, help='points of the scan')
     parser.add_argument('--json', action='store_true', help='print one JSON document')
     options = parser.parse_args()
-    found = []
-    for what, value, goal in rows(options.points):
-        found.append({'what': what, 'value': value, 'goal': goal})
-        if not options.json:
-            print(f'{what:72} {value:36} {goal}', flush=True)
+    found = rows(options.points)
     if options.json:
-        print(json.dumps(found, indent=2))
+        print(json.dumps([dict(zip(HEADING, row, strict=True)) for row in found], indent=2))
+    else:
+        show(found)
 
 
 if __name__ == '__main__':

@@ -1,9 +1,9 @@
 """`make bench`: every benchmark table, one after the other; `run.py solver live` only those.
 
-Each benchmark is a module of this folder with a `main()` that prints rows of what, value and goal;
-it runs as a process of its own, so that none heats the caches of another. What they print stands
-in docs/benchmarks.md, each part with the date and the load of the machine; a part that was not run
-again is kept.
+Each benchmark is a module of this folder that prints a Markdown table of figures and goals; it
+runs as a process of its own, so that none heats the caches of another. What they print is
+docs/benchmarks.md, each part under its command, the date and the load of the machine; a part that
+was not run again is kept.
 """
 
 import os
@@ -12,21 +12,22 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import groupby
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
 PAGE = FOLDER.parents[1] / 'docs' / 'benchmarks.md'
 HEADING = """# Benchmarks
 
-What `make bench` printed, part by part: what, value, goal. `python tests/benchmarks/run.py NAME`
-renews one part. Walls and latencies of a machine with a load above its cores mean little.
+What `make bench` printed, part by part. `python tests/benchmarks/run.py NAME` renews one part.
+Walls and latencies of a machine with a load above its cores mean little; processor times hold.
 """
 
 
 def names() -> list[str]:
     """The benchmarks there are."""
-    return sorted(path.stem for path in FOLDER.glob('*.py') if path.stem != Path(__file__).stem)
+    return sorted({path.stem for path in FOLDER.glob('*.py')} - {'run', 'figures'})
 
 
 def shown(arguments: Sequence[str | Path], **environment: str) -> tuple[int, list[str]]:
@@ -46,17 +47,26 @@ def shown(arguments: Sequence[str | Path], **environment: str) -> tuple[int, lis
     return process.returncode, printed
 
 
+def markdown(printed: Iterable[str]) -> str:
+    """Printed lines as Markdown: tables as they are, anything else as it was printed."""
+    blocks = [
+        '\n'.join(lines if table else ['```', *lines, '```'])
+        for table, lines in groupby(printed, lambda line: line.startswith('|'))
+    ]
+    return '\n\n'.join(blocks)
+
+
 def run(name: str) -> tuple[int, str]:
     """Run one benchmark; returns its exit code and its part of the page."""
     load = os.getloadavg()[0]
     code, printed = shown([FOLDER / f'{name}.py'])
     machine = (
-        f'{time.strftime("%Y-%m-%d", time.gmtime())}, {os.cpu_count()} cores, load {load:.1f} '
-        f'before, Python {platform.python_version()}'
+        f'`python tests/benchmarks/{name}.py`, {time.strftime("%Y-%m-%d", time.gmtime())}, '
+        f'{os.cpu_count()} cores, load {load:.1f} before, Python {platform.python_version()}'
     )
     if code:
         machine += f'; ended with exit code {code}'
-    return code, '\n'.join([f'## {name}', '', machine, '', '```', *printed, '```'])
+    return code, '\n\n'.join([f'## {name}', machine, markdown(printed)])
 
 
 def parts(text: str) -> dict[str, str]:

@@ -32,6 +32,7 @@ import numpy as np  # noqa: E402
 import trimesh  # noqa: E402
 from bags import axisymmetric, calculix  # noqa: E402
 from ball_mesh import octant  # noqa: E402
+from figures import show  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 from scipy.interpolate import CubicSpline  # noqa: E402
 
@@ -338,8 +339,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument('--large', action='store_true', help='10 242 vertices, whole-ball Kratos')
     parser.add_argument('--picture', type=Path, metavar='FILE', help='draw accuracy (PNG)')
     options = parser.parse_args(arguments)
-    for what, value, goal in rows(options.large):
-        print(f'{what:<64} {value:>28}   goal {goal}', flush=True)
+    show(rows(options.large))
     if options.picture:
         draw(options.picture)
 

@@ -36,6 +36,20 @@ _TYPES = {
 _REQUIRED = ('x', 'y', 'z', 'nx', 'ny', 'nz', 'fx', 'fy', 'fz', 'sigma_n', 'radius')
 _REQUIRED_COUNTS = ('finger', 'flags')
 
+# Nine colours of cividis (doi:10.1371/journal.pone.0199239), which read without colour vision.
+CIVIDIS = np.array(
+    [
+        [0.0, 0.135, 0.305],
+        [0.103, 0.22, 0.436],
+        [0.264, 0.308, 0.423],
+        [0.381, 0.395, 0.436],
+        [0.489, 0.485, 0.471],
+        [0.609, 0.58, 0.464],
+        [0.736, 0.681, 0.424],
+        [0.871, 0.79, 0.343],
+        [0.996, 0.909, 0.218],
+    ]
+)
 LEVELS = {
     'ok': DiagnosticStatus.OK,
     'warn': DiagnosticStatus.WARN,
@@ -195,16 +209,14 @@ def mesh_message(triangles: NDArray[np.int32], vertices: Array) -> Mesh:
 def marker_message(
     triangles: NDArray[np.int32], packed: NDArray[np.float32], stamp_ns: int, frame: str
 ) -> Marker:
-    """Triangles coloured by displacement: blue at rest, red at the largest."""
+    """Triangles coloured by displacement, from dark blue at rest to yellow at the largest."""
     size = packed[:, 6]
     share = size / max(float(size.max()), 1e-9)
-    red = np.clip(2.0 * share - 0.5, 0.0, 1.0)
-    blue = np.clip(1.2 - 2.0 * share, 0.0, 1.0)
-    green = np.clip(1.0 - np.abs(2.0 * share - 0.9), 0.15, 1.0)
+    shown = [np.interp(share, np.linspace(0.0, 1.0, len(CIVIDIS)), part) for part in CIVIDIS.T]
     points = [Point(x=float(x), y=float(y), z=float(z)) for x, y, z in packed[:, :3]]
     colours = [
         ColorRGBA(r=float(r), g=float(g), b=float(b), a=1.0)
-        for r, g, b in zip(red, green, blue, strict=True)
+        for r, g, b in zip(*shown, strict=True)
     ]
     corners = triangles.ravel().tolist()
     marker = Marker(header=Header(stamp=time_message(stamp_ns), frame_id=frame))

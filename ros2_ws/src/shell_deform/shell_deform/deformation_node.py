@@ -31,6 +31,7 @@ from shell_deform.live.modulus import ModulusFilter
 from shell_deform.live.pose import Pose, PoseError, pose_of
 from shell_deform.live.sample import SampleError, check
 from shell_deform.live.states import Watch
+from shell_deform.live.warm_up import warm_up
 from shell_deform.live.worker_link import (
     Build,
     WorkerError,
@@ -99,6 +100,9 @@ class DeformationNode(Node):
         )
         self.create_service(Trigger, 'deformation/reset', self._reset)
         self._topics.state(self.watch.state)
+        # The first line of a log and the first tick are slow: both while the shell is built.
+        self.get_logger().info(f'building {values["object"]}')
+        warm_up()
 
     # ---- parameters
 
@@ -264,7 +268,6 @@ class DeformationNode(Node):
         previous = self.estimator
         self.estimator = Estimator(memory.rest, memory.rest_normals, self._settings)
         self.estimator.pose = self._given_pose
-        self.estimator.warm_up()
         if previous is not None and previous.rest.shape == memory.rest.shape:
             # The same shell again after a restart: its last good state is still the best known.
             self.estimator.adopted = previous.adopted

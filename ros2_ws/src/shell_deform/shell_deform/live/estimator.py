@@ -166,10 +166,6 @@ class Estimator:
         self._no_bend = np.zeros((n, 3))
         self._no_third = np.zeros(n)
 
-    def warm_up(self) -> None:
-        """Load the compiled kernel, so that the first sample does not wait for it."""
-        self._pack_rest(self._packed)
-
     def forget(self) -> None:
         """Serve rest until a new result is adopted."""
         self.adopted = None

@@ -24,7 +24,6 @@ class Rehearsal:
         self.estimator = Estimator(
             self.memory.rest, self.memory.rest_normals, settings or Settings()
         )
-        self.estimator.warm_up()
         self.estimator.pose = IDENTITY
         self._request = np.zeros(1, REQUEST)
         self._sequence = 0

@@ -211,9 +211,7 @@ def page_rows() -> Iterator[Row]:
     node.create_subscription(DiagnosticArray, '/diagnostics', diagnostics, 10)
     with (
         process(sys.executable, __file__, '--publish'),
-        process(
-            str(BINARIES / 'grasp_view'), '--ros-args', '-p', f'port:={port}', '-p', 'rate:=16.0'
-        ) as page,
+        process(str(BINARIES / 'grasp_view'), '--ros-args', '-p', f'port:={port}') as page,
     ):
         yield 'page answers over HTTP after start', f'{answered(port):.2f} s', '<= 3 s'
         stop, read = threading.Event(), list[bytes]()

@@ -68,7 +68,7 @@ Take = Callable[[Any, float], None]
 class PolledGroup(CallbackGroup):
     """Subscriptions that the executor leaves alone.
 
-    The page shows 15 pictures a second of topics that come 250 times a second: waking up for
+    The page shows 20 pictures a second of topics that come 250 times a second: waking up for
     each message would cost a core. The middleware keeps the newest message of each topic and the
     node's one timer takes it.
     """

@@ -26,7 +26,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         'address to serve on; 0.0.0.0 lets a tablet in, and everybody else on that network',
     ),
     Parameter('port', 8080, 'TCP port of the page', 1024, 65535),
-    Parameter('rate', 15.0, 'pictures sent to the browsers (Hz)', 1.0, 60.0),
+    Parameter('rate', 20.0, 'pictures sent to the browsers (Hz)', 1.0, 60.0),
     Parameter('history', 60.0, 'kept for the time slider and the plots (s)', 5.0, 600.0),
     Parameter(
         'hand_frame', 'hand_base', "frame id of the hand; every other counts as the object's",

@@ -57,7 +57,7 @@ class WhatIfPanel:
             self._young = gui.add_slider('Modulus (x file)', 0.1, 10.0, 0.05, 1.0)
             self._pressure = gui.add_slider('Pressure (kPa)', 0.0, 200.0, 1.0, 0.0)
             self._opposite = gui.add_checkbox(
-                'Finger 2 opposes finger 1', True, hint='Opposite place, same force'
+                'Opposed', True, hint='Finger 2 stays opposite finger 1, with the same force'
             )
             self._force = [
                 gui.add_slider(f'Finger {k + 1} (N)', 0.0, LARGEST_FORCE_N, 0.05, start)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from grasp_replay.report.camera import Camera, faces_viewer, painter_order
 from grasp_replay.report.pictures import LINEAR, NONLINEAR, REST, indexed
-from grasp_replay.report.section import level_lines
+from grasp_replay.report.section import cut, level_lines
 from shell_deform.building import build_model, object_contacts
 from shell_deform.model import ShellModel
 from shell_deform.objects import load_object
@@ -154,6 +154,21 @@ def _draw_ball(axes: Axes, solved: Squeeze, step: int, scale: Normalize, title: 
     )
 
 
+def _draw_cut(axes: Axes, solutions: Sequence[tuple[Squeeze, str, str]], step: int) -> None:
+    """The ball cut through both contacts, at rest and by each theory."""
+    rest = solutions[0][0]
+    for solved, colour, style, k in ((rest, REST, ':', 0), *((*one, step) for one in solutions)):
+        lines = cut(solved.shapes[k], solved.triangles, np.array([0.0, 0.0, 1.0]), 0.0)
+        axes.add_collection(
+            LineCollection(
+                list(lines[..., :2] * MILLI), colors=colour, linestyles=style, linewidths=1.4
+            )
+        )
+    axes.set(xlim=(-36, 36), ylim=(-36, 36), aspect='equal')
+    axes.set_axis_off()
+    axes.set_title('cut through both pins', fontsize=10)
+
+
 def draw_squeeze() -> Path:
     """The animated squeeze: the same force on the ball by nonlinear and by linear theory."""
     nonlinear = squeeze('koiter', np.linspace(0, DEEPEST_M, STEPS + 1)[1:].tolist(), False)
@@ -162,22 +177,27 @@ def draw_squeeze() -> Path:
     frames = []
     # In, hold, out.
     for step in [*range(STEPS + 1), *[STEPS] * 5, *range(STEPS - 2, 0, -2)]:
-        figure = _figure(9.0, 3.5)
-        for k, (solved, title) in enumerate(((nonlinear, 'nonlinear'), (linear, 'linear'))):
-            _draw_ball(figure.add_axes((0.31 * k, 0.0, 0.31, 0.86)), solved, step, scale, title)
-        axes = figure.add_axes((0.735, 0.17, 0.25, 0.68))
-        for solved, colour, style in ((nonlinear, NONLINEAR, '-'), (linear, LINEAR, '--')):
-            axes.plot(solved.displacement * MILLI, solved.force, style, color=colour, lw=1.2)
-            axes.plot(solved.displacement[step] * MILLI, solved.force[step], 'o', color=colour)
-        axes.set(xlim=(0, 10.5), ylim=(0, 1.08 * nonlinear.force.max()))
-        axes.set_xlabel('displacement (mm)', fontsize=9)
-        axes.set_title('force per finger (N)', fontsize=9)
-        axes.grid(alpha=0.3)
+        figure = _figure(9.0, 3.3)
+        _draw_ball(
+            figure.add_axes((0.0, 0.0, 0.31, 0.88)), nonlinear, step, scale, 'nonlinear theory'
+        )
         bar = figure.colorbar(
-            ScalarMappable(scale, 'cividis'), cax=figure.add_axes((0.635, 0.17, 0.012, 0.6))
+            ScalarMappable(scale, 'cividis'), cax=figure.add_axes((0.315, 0.17, 0.012, 0.6))
         )
         bar.ax.set_title('mm', fontsize=9)
-        figure.text(0.31, 0.03, 'the same force on both', ha='center', fontsize=9)
+        both = ((nonlinear, NONLINEAR, '-'), (linear, LINEAR, '-'))
+        _draw_cut(figure.add_axes((0.38, 0.03, 0.29, 0.8)), both, step)
+        axes = figure.add_axes((0.735, 0.17, 0.25, 0.66))
+        for (solved, colour, style), name in zip(both, ('nonlinear', 'linear'), strict=True):
+            axes.plot(
+                solved.displacement * MILLI, solved.force, style, color=colour, lw=1.4, label=name
+            )
+            axes.plot(solved.displacement[step] * MILLI, solved.force[step], 'o', color=colour)
+        axes.set(xlim=(0, 10.8), ylim=(0, 1.08 * nonlinear.force.max()))
+        axes.set_xlabel('displacement (mm)', fontsize=9)
+        axes.set_title('force per finger (N)', fontsize=10)
+        axes.legend(loc='lower right', fontsize=9)
+        axes.grid(alpha=0.3)
         frames.append(indexed(_pixels(figure)))
     path = PICTURES / 'squeeze.gif'
     frames[0].save(

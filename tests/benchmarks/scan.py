@@ -1,6 +1,7 @@
 """Figures of the scan comparison: speed, pose errors, recovered errors, damaged files.
 
-`python tests/benchmarks/scan.py`; `--long` makes a million mutations instead of ten thousand.
+`python tests/benchmarks/scan.py`, or some parts of it: `scan.py speed peers`; `--long` makes a
+million mutations instead of ten thousand.
 Peers (small_gicp, libigl, Open3D) are timed beside it where the interpreter named by PEER_PYTHON
 (or this one) has them; see requirements/bench.txt.
 """
@@ -14,10 +15,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
+from figures import show
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'ros2_ws/src/scan_compare/test'))
 
@@ -154,7 +157,11 @@ def damage(count: int) -> Iterator[Row]:
         'typed error only',
     )
     began = time.perf_counter()
-    read, largest = run(count, seed=11)
+    cores = os.cpu_count() or 1
+    shares = [count * (k + 1) // cores - count * k // cores for k in range(cores)]
+    with ProcessPoolExecutor(cores) as pool:
+        done = list(pool.map(run, shares, range(11, 11 + cores)))
+    read, largest = sum(part[0] for part in done), max(part[1] for part in done)
     seconds = time.perf_counter() - began
     yield (
         f'{count} mutated scan files',
@@ -192,23 +199,26 @@ def peers() -> Iterator[Row]:
         yield what, value, ''
 
 
-def rows(mutations: int = 10_000) -> Iterator[Row]:
-    """Every figure as (what, value, goal)."""
-    yield from speed()
-    yield from poses()
-    yield from errors()
-    yield from peers()
-    yield from damage(mutations)
+PARTS: dict[str, Callable[[int], Iterator[Row]]] = {
+    'speed': lambda _: speed(),
+    'poses': lambda _: poses(),
+    'errors': lambda _: errors(),
+    'peers': lambda _: peers(),
+    'damage': damage,
+}
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('parts', nargs='*', help=f'of {", ".join(PARTS)} (default: all)')
     parser.add_argument('--long', action='store_true', help='a million mutations')
     options = parser.parse_args()
-    print(f'{"scan comparison":52s} {"value":44s} goal')
-    for what, value, goal in rows(1_000_000 if options.long else 10_000):
-        print(f'{what:52s} {value:44s} {goal}', flush=True)
+    unknown = sorted(set(options.parts) - set(PARTS))
+    if unknown:
+        parser.error(f'no part {", ".join(unknown)}; there are {", ".join(PARTS)}')
+    mutations = 1_000_000 if options.long else 10_000
+    show(row for name in options.parts or PARTS for row in PARTS[name](mutations))
 
 
 if __name__ == '__main__':

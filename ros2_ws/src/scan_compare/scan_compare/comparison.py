@@ -58,6 +58,8 @@ class Comparison:
     area: Summary | None
     dent: Summary | None
     outside: Summary | None
+    dent_area: Summary | None
+    outside_area: Summary | None
     local: LocalMeans
     coverage: Coverage
     model_to_scan: Summary | None
@@ -67,6 +69,8 @@ class Comparison:
     mean_error_sigma_m: float
     mean_error_noise_free_m: float
     max_error_m: float | None
+    dent_max_error_m: float | None
+    outside_max_error_m: float | None
     outliers: int
     beside: int
     notes: tuple[str, ...]
@@ -118,7 +122,11 @@ class Comparison:
             'beyond_noise': self.beyond_noise,
             'area_weighted': _summary_json(self.area),
             'dent': _summary_json(self.dent),
+            'dent_area_weighted': _summary_json(self.dent_area),
+            'dent_max_error_m': self.dent_max_error_m,
             'outside_dent': _summary_json(self.outside),
+            'outside_dent_area_weighted': _summary_json(self.outside_area),
+            'outside_dent_max_error_m': self.outside_max_error_m,
             'model_to_scan': _summary_json(self.model_to_scan),
             'coverage': {
                 'patch': self.coverage.patch,
@@ -197,11 +205,13 @@ def compare(
     if means is None:
         raise ComparisonError(f'{scan.source}: no points to average')
     areas = _areas(scan, surface, distances, used)
-    quotable = np.abs(means.mean[means.quotable])
+    dented = in_dent[used]
+    disc_in_dent = means.share(dented) > 0.5
+    largest = means.largest(means.quotable)
     notes = list(scan.notes)
-    if not quotable.size:
+    if largest is None:
         notes.append('no disc holds 50 points: no local maximum is quoted, see the raw maximum')
-    value = distances.distance
+    value = distances.distance[used]
     return Comparison(
         source=scan.source,
         points=points,
@@ -213,10 +223,12 @@ def compare(
         registration=found,
         undeformed_registration=undeformed,
         undeformed_points=undeformed_points,
-        vertex=_required(summarise(value[used])),
-        area=summarise(value[used], areas),
-        dent=summarise(value[used & in_dent]),
-        outside=summarise(value[used & ~in_dent]),
+        vertex=_required(summarise(value)),
+        area=summarise(value, areas),
+        dent=summarise(value[dented]),
+        outside=summarise(value[~dented]),
+        dent_area=summarise(value[dented], areas[dented]),
+        outside_area=summarise(value[~dented], areas[~dented]),
         local=means,
         coverage=seen,
         model_to_scan=summarise(seen.model_to_scan, seen.model_area),
@@ -233,7 +245,9 @@ def compare(
         noise_floor_m=mean_unsigned_noise(scanner_sigma_m),
         mean_error_sigma_m=_mean_error_sigma(distances, used, found),
         mean_error_noise_free_m=_noise_free_mean(means, scanner_sigma_m),
-        max_error_m=float(quotable.max()) if quotable.size else None,
+        max_error_m=largest,
+        dent_max_error_m=means.largest(means.quotable & disc_in_dent),
+        outside_max_error_m=means.largest(means.quotable & ~disc_in_dent),
         outliers=int(np.count_nonzero(outlying)),
         beside=int(np.count_nonzero(distances.beside & ~outlying)),
         notes=tuple(notes),

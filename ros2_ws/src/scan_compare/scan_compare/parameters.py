@@ -60,6 +60,10 @@ PARAMETERS: tuple[Parameter, ...] = (
               'quarter of its extent', 0.0, 1.0),
     Parameter('surface_tolerance', 0.5, 'a surface further from the scan is noted (s)', 0.0, 1e6),
     Parameter('surface_wait', 1.0, 'longest wait for a surface of the scan (s)', 0.0, 60.0),
+    Parameter(
+        'waiting_memory', 250.0, 'scans that wait to be compared may take this much (MB, 24 bytes '
+        'a point); beyond it the one that has waited longest is dropped', 0.0, 1e6,
+    ),
     Parameter('history', 30.0, 'surfaces of this many seconds are kept (s)', 0.0, 3600.0),
     Parameter('scan_file', '', 'scan file that scan/compare reads when no scan has arrived'),
     Parameter(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,12 @@ WELD_CELLS = 2**20
 """Vertices in the same cell of a grid of this many cells along the longest side are one vertex.
 
 For a ball of 65 mm a cell is 0.06 micrometres: far below any scanner, above rounding of text."""
+
+PIECE = 2**17
+"""Points or faces treated at once, so that working memory does not grow with a scan."""
+
+MIX = np.uint64(0x9E3779B97F4A7C15)
+"""Odd, its bits spread (2^64 over the golden ratio): joins the corners of a face to one hash."""
 
 
 @dataclass(frozen=True)
@@ -75,103 +82,153 @@ def clean(points: np.ndarray, triangles: np.ndarray | None) -> Cleaned:
     """Drop points that are not finite, weld equal vertices, drop degenerate and repeated faces.
 
     points (n, 3) in any unit, triangles (m, 3) or None. The order of first appearance is kept.
-    Without welding, a mean over STL vertices would weight each by its number of faces.
+    Without welding, a mean over STL vertices would weight each by its number of faces. Both
+    arrays are worked on where they are and hold nothing of use afterwards: a large scan is not
+    in memory twice.
     """
     notes = []
-    new_index, kept = _finite(points)
-    if len(kept) < len(points):
-        notes.append(f'{len(points) - len(kept)} points with NaN or infinite coordinates dropped')
-        points = points[kept]
-    welded, to_welded = weld(points)
-    if len(welded) < len(points):
-        notes.append(f'{len(points)} points welded to {len(welded)}')
+    good = _finite(points)
+    if not good.all():
+        notes.append(f'{np.count_nonzero(~good)} points with NaN or infinite coordinates dropped')
+    kept, to_welded = weld(points, good)
+    if len(kept) < np.count_nonzero(good):
+        notes.append(f'{np.count_nonzero(good)} points welded to {len(kept)}')
+    welded = _gathered(points, kept)
+    del kept, good, points
     if triangles is None:
         return Cleaned(welded, None, tuple(notes))
-    if new_index is not None:
-        triangles = new_index[triangles]
-        triangles = triangles[(triangles >= 0).all(axis=1)]
-    triangles = to_welded[triangles]
-    good = _useful_faces(welded, triangles)
-    if good.size < len(triangles):
-        dropped = len(triangles) - good.size
-        notes.append(f'{dropped} degenerate or repeated faces dropped')
-        triangles = triangles[good]
+    given = len(triangles)
+    triangles = _without_degenerate(welded, triangles, to_welded)
+    del to_welded
+    triangles = _without_repeated(triangles)
+    if len(triangles) < given:
+        notes.append(f'{given - len(triangles)} degenerate or repeated faces dropped')
     if len(triangles) == 0:
         return Cleaned(welded, None, tuple(notes))
-    return Cleaned(welded, np.ascontiguousarray(triangles, np.int32), tuple(notes))
+    return Cleaned(welded, triangles, tuple(notes))
 
 
-def _finite(points: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
-    """Return new indices (-1 where dropped; None if none is dropped) and the indices kept.
+def _pieces(count: int, size: int = PIECE) -> Iterator[slice]:
+    for start in range(0, count, size):
+        yield slice(start, min(start + size, count))
 
-    Coordinates of 1e30 and more are no lengths either and would overflow when squared.
+
+def _finite(points: np.ndarray) -> np.ndarray:
+    """Return which points (n,) are lengths.
+
+    Coordinates of 1e30 and more are none either and would overflow when squared.
     """
-    good = np.all(np.abs(points) < 1e30, axis=1)
-    kept = np.flatnonzero(good)
-    if len(kept) == len(points):
-        return None, kept
-    new_index = np.full(len(points), -1, np.int32)
-    new_index[kept] = np.arange(len(kept), dtype=np.int32)
-    return new_index, kept
+    good = np.empty(len(points), bool)
+    for piece in _pieces(len(points)):
+        good[piece] = np.all(np.abs(points[piece]) < 1e30, axis=1)
+    return good
 
 
-def weld(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Merge points (n, 3) of the same fine grid cell.
+def _gathered(rows: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Move the rows `kept` (ascending) of an array to its front and return them."""
+    if len(kept) == len(rows):
+        return rows
+    for piece in _pieces(len(kept)):
+        rows[piece] = rows[kept[piece]]
+    front = rows[: len(kept)]
+    # a small front must not keep the large array in memory
+    return front if 2 * len(kept) > len(rows) else front.copy()
 
-    Returns the points of first appearance (k, 3) in their order and, for each given point, its
-    index among them (n,).
+
+def weld(points: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Find the points that share a cell of a fine grid, among those (n,) that are `good`.
+
+    Returns the indices of the first point of each cell (k,), ascending, and, for each given
+    point, its place among them (n,) int32, -1 where it is not good.
     """
-    if len(points) == 0:
-        return points, np.zeros(0, np.int32)
-    key = _cell_keys(points)
+    number = np.full(len(points), -1, np.int32)
+    place = None if good.all() else np.flatnonzero(good).astype(np.int32)
+    key = _cell_keys(points, place)
     order = np.argsort(key, kind='stable')
-    key = key[order]
-    is_first = np.concatenate(([True], key[1:] != key[:-1]))
-    del key
-    if is_first.all():
-        return points, np.arange(len(points), dtype=np.int32)
-    # the sort is stable: the first of each group is the one that appeared first
-    first = np.sort(order[is_first])
-    group_start = np.repeat(
-        order[is_first], np.diff(np.flatnonzero(np.concatenate((is_first, [True]))))
-    )
-    leader = np.empty(len(points), np.int32)
-    leader[order] = np.searchsorted(first, group_start)
-    return points[first], leader
+    last_key, leader = None, 0
+    for piece in _pieces(len(order)):
+        member = order[piece]
+        sorted_key = key[member]
+        begins = np.empty(len(member), bool)
+        begins[0] = sorted_key[0] != last_key
+        begins[1:] = sorted_key[1:] != sorted_key[:-1]
+        # the sort is stable: the first of each group is the one that appeared first
+        leaders = np.concatenate(([leader], member[begins]))
+        last_key, leader = sorted_key[-1], leaders[-1]
+        own = leaders[np.cumsum(begins)]
+        if place is None:
+            number[member] = own
+        else:
+            number[place[member]] = place[own]
+    del key, order
+    is_leader = np.empty(len(points), bool)
+    for piece in _pieces(len(points)):
+        is_leader[piece] = number[piece] == np.arange(piece.start, piece.stop)
+    rank = np.cumsum(is_leader, dtype=np.int32)
+    rank -= 1
+    for piece in _pieces(len(points)):
+        number[piece] = np.where(number[piece] < 0, -1, rank[number[piece]])
+    del rank
+    return np.flatnonzero(is_leader), number
 
 
-def _cell_keys(points: np.ndarray) -> np.ndarray:
-    """Return one integer per point (n,) that names its cell of the welding grid."""
-    low = points.min(axis=0)
-    side = float((points.max(axis=0) - low).max())
+def _cell_keys(points: np.ndarray, place: np.ndarray | None) -> np.ndarray:
+    """Return one integer (n,) for each point, or each at `place`: its cell of the welding grid."""
+    count = len(points) if place is None else len(place)
+    key = np.zeros(count, np.int64)
+    if count == 0:
+        return key
+
+    def rows(piece: slice) -> np.ndarray:
+        return points[piece] if place is None else points[place[piece]]
+
+    low = np.min([rows(piece).min(axis=0) for piece in _pieces(count)], axis=0)
+    high = np.max([rows(piece).max(axis=0) for piece in _pieces(count)], axis=0)
+    side = float((high - low).max())
     scale = (WELD_CELLS - 1) / side if side > 0.0 else 0.0
-    key = np.zeros(len(points), np.int64)
-    for axis in range(3):
-        cell = points[:, axis] - low[axis]
-        cell *= scale
-        key *= WELD_CELLS
-        key += np.rint(cell, out=cell).astype(np.int64)
+    for piece in _pieces(count):
+        cell = np.rint((rows(piece) - low) * scale).astype(np.int64)
+        key[piece] = (cell[:, 0] * WELD_CELLS + cell[:, 1]) * WELD_CELLS + cell[:, 2]
     return key
 
 
-def _has_area(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Return which triangles (m,) are not flat; in pieces, to need little memory."""
-    result = np.empty(len(triangles), bool)
-    for start in range(0, len(triangles), 2**17):
-        piece = slice(start, start + 2**17)
-        result[piece] = np.any(_face_vectors(points, triangles[piece]) != 0.0, axis=1)
-    return result
+def _without_degenerate(
+    points: np.ndarray, triangles: np.ndarray, new_index: np.ndarray
+) -> np.ndarray:
+    """Rename the corners of faces (m, 3) and keep those with area, repeated ones once a piece.
+
+    A file of few vertices and very many faces shrinks here, before all are sorted together.
+    """
+    kept = 0
+    for piece in _pieces(len(triangles)):
+        faces = new_index[triangles[piece]]
+        faces = faces[(faces >= 0).all(axis=1)]
+        distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2])
+        faces = faces[distinct & (faces[:, 2] != faces[:, 0])]
+        faces = faces[np.any(_face_vectors(points, faces) != 0.0, axis=1)]
+        faces = faces[_first_of_each(faces)]
+        triangles[kept : kept + len(faces)] = faces
+        kept += len(faces)
+    return triangles[:kept]
 
 
-def _useful_faces(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Return the indices of faces with area, each vertex triple once, in order."""
-    ordered = np.sort(triangles, axis=1)
-    distinct = (ordered[:, 0] != ordered[:, 1]) & (ordered[:, 1] != ordered[:, 2])
-    candidates = np.flatnonzero(distinct & _has_area(points, triangles))
-    if candidates.size == 0:
-        return candidates
-    low, middle, high = ordered[candidates].astype(np.int64).T
-    pair = low * len(points) + middle
-    order = np.lexsort((high, pair))
-    repeated = (np.diff(pair[order]) == 0) & (np.diff(high[order]) == 0)
-    return candidates[np.sort(order[np.concatenate(([True], ~repeated))])]
+def _without_repeated(triangles: np.ndarray) -> np.ndarray:
+    """Keep each triple of corners (m, 3) once, where it appears first."""
+    return np.ascontiguousarray(_gathered(triangles, _first_of_each(triangles)), np.int32)
+
+
+def _first_of_each(triangles: np.ndarray) -> np.ndarray:
+    """Return the indices (k,), ascending, of the first face of each triple of corners."""
+    key = np.empty(len(triangles), np.uint64)
+    for piece in _pieces(len(triangles)):
+        low, middle, high = np.sort(triangles[piece], axis=1).astype(np.uint64).T
+        key[piece] = (low * MIX + middle) * MIX + high
+    order = np.argsort(key, kind='stable')
+    repeated = np.zeros(len(triangles), bool)
+    for piece in _pieces(len(triangles) - 1):
+        before, after = order[piece], order[piece.start + 1 : piece.stop + 1]
+        same = np.flatnonzero(key[before] == key[after])
+        # faces of one hash are compared, so that none is lost by chance
+        first, second = (np.sort(triangles[part[same]], axis=1) for part in (before, after))
+        repeated[after[same[(first == second).all(axis=1)]]] = True
+    return np.flatnonzero(~repeated)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -69,15 +70,14 @@ class ScanCompareNode(Node):
         self.history = SurfaceHistory(float(self._value('history')))
         self.worker = Worker()
         self._triangles: np.ndarray | None = None
-        self._pending: Pending | None = None
+        self._pending: deque[Pending] = deque()
         self._last: Pending | None = None
         self._undeformed: Cloud | None = None
         self._futures: dict[int, Future] = {}
         self._jobs = 0
-        self._scans = self._done = self._refused = 0
+        self._scans = self._done = self._refused = self._dropped = 0
         self._contacts: PointCloud2 | None = None
         self._seconds = 0.0
-        self._submitted = 0.0
         self._result: Result | None = None
         self._failure = ''
 
@@ -176,8 +176,27 @@ class ScanCompareNode(Node):
         stamp = messages.nanoseconds(message.header.stamp)
         cloud = Cloud('scan/points', points, str(self._value('scan_unit')))
         frame = message.header.frame_id
-        self._pending = Pending(cloud, stamp, frame, time.monotonic(), self._forces())
-        self._last = self._pending
+        self._make_room(cloud.size)
+        self._last = Pending(cloud, stamp, frame, time.monotonic(), self._forces())
+        self._pending.append(self._last)
+
+    def _make_room(self, size: int) -> None:
+        """Drop the scans that have waited longest until `size` bytes more can wait."""
+        room = 1e6 * float(self._value('waiting_memory')) - size
+        while self.worker.waiting_size + sum(p.cloud.size for p in self._pending) > room:
+            job = self.worker.drop_oldest()
+            if job is None and not self._pending:
+                return
+            stamp_ns = self._pending.popleft().stamp_ns if job is None else job.stamp_ns
+            self._dropped += 1
+            reason = (
+                f'the scan of {1e-9 * stamp_ns:.3f} s was dropped unjudged: scans come faster '
+                'than they are compared; raise waiting_memory, or replay more slowly'
+            )
+            if job is None:
+                self._refuse(reason)
+            else:
+                self._publish(Result(job.number, stamp_ns, '', reason))
 
     def _refuse(self, reason: str) -> None:
         self._refused += 1
@@ -208,10 +227,9 @@ class ScanCompareNode(Node):
     # ---- comparisons
 
     def _tend(self) -> None:
-        pending = self._pending
-        if pending is not None and self._surface_is_due(pending):
-            self._pending = None
-            self._submit(pending)
+        # in their order: an early stamp may not overtake one that still waits for its surface
+        while self._pending and self._surface_is_due(self._pending[0]):
+            self._submit(self._pending.popleft())
         result = self.worker.poll()
         if result is not None:
             self._publish(result)
@@ -254,22 +272,19 @@ class ScanCompareNode(Node):
         )
         if pending.future is not None:
             self._futures[job.number] = pending.future
-        self._submitted = time.monotonic()
-        replaced = self.worker.submit(job)
-        if replaced is not None:
-            self._answer(Result(replaced, 0, '', 'replaced by a newer scan'))
+        self.worker.submit(job)
 
     def _undeformed_cloud(self) -> Cloud | None:
         path = str(self._value('undeformed_scan_file'))
         return Cloud(path, None, None) if path else self._undeformed
 
     def _publish(self, result: Result) -> None:
-        self._seconds = time.monotonic() - self._submitted
         self._answer(result)
         if result.error:
             self._refuse(result.error)
             return
         self._done += 1
+        self._seconds = result.seconds
         self._failure = ''
         self._result = result
         self._error.publish(
@@ -306,7 +321,8 @@ class ScanCompareNode(Node):
             'scans': self._scans,
             'comparisons': self._done,
             'refused': self._refused,
-            'replaced by newer': self.worker.replaced,
+            'waiting': len(self._pending) + self.worker.waiting,
+            'dropped': self._dropped,
             'process restarts': self.worker.restarts,
             'surfaces kept': len(self.history),
             'busy': self.worker.busy,

@@ -40,7 +40,9 @@ def read_scan(
     cannot be read, holds no points, or if the unit does not fit the object.
     """
     name = str(path)
-    return parse_scan(_read_bytes(path), Path(path).suffix, name, unit, expected_size_m)
+    # the text is given up before points are welded: both at once would be the most memory needed
+    raw = _parse(_read_bytes(path), Path(path).suffix, name)
+    return _scan(raw, name, unit, expected_size_m)
 
 
 def parse_scan(
@@ -51,7 +53,10 @@ def parse_scan(
     expected_size_m: float | None = None,
 ) -> Scan:
     """Read a scan from the bytes of a file of type `suffix`; see `read_scan`."""
-    raw = _parse(data, suffix, source)
+    return _scan(_parse(data, suffix, source), source, unit, expected_size_m)
+
+
+def _scan(raw: RawMesh, source: str, unit: str | None, expected_size_m: float | None) -> Scan:
     cleaned = clean(raw.points, raw.triangles)
     if len(cleaned.points) == 0:
         raise ScanFileError(no_points(source, len(raw.points)))

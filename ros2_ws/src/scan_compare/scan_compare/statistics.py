@@ -93,6 +93,15 @@ class LocalMeans:
         """Which discs hold enough points, (k,) bool."""
         return self.count >= DISC_POINTS
 
+    def share(self, marked: np.ndarray) -> np.ndarray:
+        """Return which share (k,) of the points of each disc's centre cell is `marked` (n,)."""
+        n = len(self.mean)
+        return np.bincount(self.cell, marked, minlength=n) / np.bincount(self.cell, minlength=n)
+
+    def largest(self, discs: np.ndarray) -> float | None:
+        """Return the largest |local mean| [m] of the `discs` (k,) bool; None of no disc."""
+        return float(np.abs(self.mean[discs]).max()) if discs.any() else None
+
 
 def local_means(points: np.ndarray, distance: np.ndarray) -> LocalMeans | None:
     """Average signed distances (n,) at `points` (n, 3) over discs of DISC_RADIUS.

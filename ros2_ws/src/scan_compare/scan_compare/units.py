@@ -56,8 +56,9 @@ def robust_extent(points: np.ndarray) -> float:
     """
     if len(points) == 0:
         return 0.0
-    low, high = np.quantile(points, (0.005, 0.995), axis=0)
-    return float(np.max(high - low))
+    # one coordinate after the other: a quantile works on a copy
+    sides = [np.subtract(*np.quantile(points[:, axis], (0.995, 0.005))) for axis in range(3)]
+    return float(max(sides))
 
 
 def choose_unit(extent: float, declared: str | None, expected_size_m: float | None) -> Unit:

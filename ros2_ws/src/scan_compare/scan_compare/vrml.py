@@ -9,14 +9,18 @@ an Inline is named in the notes.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from scan_compare.formats.raw import (
     RawMesh,
+    Rows,
     ScanFileError,
     checked_triangles,
+    chunks_of_lines,
+    chunks_of_words,
     parse_numbers,
     triangles_from_polygons,
 )
@@ -24,15 +28,30 @@ from scan_compare.formats.raw import (
 DEEPEST_NESTING = 100
 MOST_NODES = 50_000
 
-_SPACE = re.compile(rb'(?:[\s,]+|#[^\n\r]*)+')
+_SPACE = re.compile(rb'[\s,]*')
 _NUMBER = re.compile(
     rb'[+-]?(?:0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf)(?![\w.])'
 )
-_STRING = re.compile(rb'"(?:[^"\\]|\\.)*"', re.DOTALL)
 _WORD = re.compile(rb'[^\s,\[\]{}"#+\-.\d][^\s,\[\]{}"#]*')
-_NO_STRUCTURE = re.compile(rb'[^\[\]{}"#]*')
+_DOTTED_WORD = re.compile(rb'[^\s,]+')
+_PLAIN = re.compile(rb'[^\[\]{}"#]*')
 _COMMENT = re.compile(rb'#[^\n\r]*')
 LARGEST_LENGTH = 1e30
+_PIECE = 2**18
+"""Points or indices that are treated at once."""
+
+_LONG_FIELDS: dict[str, type[np.float64] | type[np.int32]] = {
+    'point': np.float64,
+    'coordIndex': np.int32,
+}
+_SHORT_FIELDS = {
+    *('geometry', 'coord', 'ccw', 'children', 'level', 'choice', 'whichChoice'),
+    *('translation', 'rotation', 'scale', 'scaleOrientation', 'center'),
+}
+"""The fields that say where points and faces are; all others are passed over."""
+
+_MOST_INLINE = 16
+"""Numbers kept of a field without brackets: the longest one of use here, a rotation, has four."""
 _GROUPS = {
     'Transform': 'children',
     'Group': 'children',
@@ -75,17 +94,30 @@ def read_vrml(data: bytes) -> RawMesh:
             f'{first_line[:30].decode("latin-1")!r} is not "#VRML V2.0"; '
             'export VRML 2 (VRML97), or PLY'
         )
-    scene = _Parser(data).scene()
-    collected = _Collected(byte_budget=4 * len(data) + 2**25)
+    parser = _Parser(data)
+    scene = parser.scene()
+    collected = _Collected(2 * len(data) + 2**25, parser.uses)
     for node in scene:
         _walk(node, np.eye(4), collected, 0)
+    del parser, scene
     if not collected.points:
         raise ScanFileError('VRML scene without any IndexedFaceSet or PointSet')
-    points = np.concatenate(collected.points)
     triangles = None
-    if collected.triangles:
-        triangles = checked_triangles(np.concatenate(collected.triangles), len(points))
-    return RawMesh(points, triangles, tuple(collected.notes))
+    if len(collected.triangles):
+        triangles = checked_triangles(collected.triangles.table(), collected.n_points)
+    return RawMesh(_joined(collected.points), triangles, tuple(collected.notes))
+
+
+def _joined(pieces: list[np.ndarray]) -> np.ndarray:
+    """Join points (k, 3), each piece given back once it is copied."""
+    if len(pieces) == 1:
+        return pieces[0]
+    points = Rows(np.float64, 3)
+    for k in range(len(pieces)):
+        for start in range(0, len(pieces[k]), _PIECE):
+            points.add(pieces[k][start : start + _PIECE])
+        pieces[k] = np.empty((0, 3))
+    return points.table()
 
 
 class _Parser:
@@ -95,6 +127,7 @@ class _Parser:
         self._data = data
         self._position = 0
         self._nodes = 0
+        self.uses = 0
         self._named: dict[str, Node] = {}
 
     def scene(self) -> list[Node]:
@@ -116,10 +149,16 @@ class _Parser:
 
     def _skip_space(self) -> bool:
         """Move to the next token; False at the end of the text."""
-        match = _SPACE.match(self._data, self._position)
+        while True:
+            self._pass(_SPACE)
+            if self._peek() != b'#':
+                return self._position < len(self._data)
+            self._pass(_COMMENT)
+
+    def _pass(self, pattern: re.Pattern[bytes]) -> None:
+        match = pattern.match(self._data, self._position)
         if match:
             self._position = match.end()
-        return self._position < len(self._data)
 
     def _peek(self) -> bytes:
         return self._data[self._position : self._position + 1]
@@ -139,7 +178,7 @@ class _Parser:
         return match[0][:200].decode('latin-1')
 
     def _dotted_word(self) -> str:
-        match = re.compile(rb'[^\s,]+').match(self._data, self._position)
+        match = _DOTTED_WORD.match(self._data, self._position)
         if not match:
             raise ScanFileError('VRML: the text ends inside a ROUTE')
         self._position = match.end()
@@ -152,6 +191,7 @@ class _Parser:
         if word == 'NULL':
             return None
         if word == 'USE':
+            self.uses += 1
             self._skip_space()
             used = self._word()
             if used not in self._named:
@@ -181,12 +221,14 @@ class _Parser:
             raise ScanFileError('VRML Script is not supported; export plain geometry')
         if not self._skip_space():
             raise ScanFileError(f'VRML: the text ends after "{key}"')
-        node.fields[key] = self._value(depth)
+        value = self._value(key, depth)
+        if key in _SHORT_FIELDS or key in _LONG_FIELDS:
+            node.fields[key] = value
 
-    def _value(self, depth: int) -> object:
+    def _value(self, key: str, depth: int) -> object:
         start = self._peek()
         if start == b'[':
-            return self._list(depth)
+            return self._list(key, depth)
         if start == b'"':
             return self._string()
         if _NUMBER.match(self._data, self._position):
@@ -197,63 +239,96 @@ class _Parser:
         return self._node(word, depth + 1)
 
     def _string(self) -> str:
-        match = _STRING.match(self._data, self._position)
-        if not match:
-            raise ScanFileError('VRML: a string without its closing quote')
-        self._position = match.end()
-        return ''
+        """Pass a string; what it says is of no use here."""
+        end = self._position
+        while (end := self._data.find(b'"', end + 1)) > 0:
+            before = end
+            while self._data[before - 1 : before] == b'\\':
+                before -= 1
+            if (end - before) % 2 == 0:
+                self._position = end + 1
+                return ''
+        raise ScanFileError('VRML: a string without its closing quote')
 
     def _inline_numbers(self) -> np.ndarray:
-        values = []
+        values: list[float] = []
         while match := _NUMBER.match(self._data, self._position):
-            text = match[0]
-            values.append(float(int(text, 16)) if b'x' in text.lower() else float(text))
+            if len(values) < _MOST_INLINE:
+                text = match[0]
+                values.append(float(int(text, 16)) if b'x' in text.lower() else float(text))
             self._position = match.end()
             if not self._skip_space():
                 break
         return np.array(values)
 
-    def _list(self, depth: int) -> object:
-        plain = self._plain_array()
+    def _list(self, key: str, depth: int) -> object:
+        plain = self._plain_array(key)
         if plain is not None:
             return plain
         self._position += 1
-        numbers: list[np.ndarray] = []
         nodes: list[Node] = []
         while self._skip_space() and self._peek() != b']':
-            value = self._value(depth)
-            if isinstance(value, np.ndarray):
-                numbers.append(value)
-            elif isinstance(value, Node):
+            value = self._value(key, depth)
+            if isinstance(value, Node):
                 nodes.append(value)
         self._expect(b']')
-        return np.concatenate(numbers) if numbers else nodes
+        return nodes
 
-    def _plain_array(self) -> np.ndarray | None:
-        """Read a list of nothing but numbers at once; None, and nothing read, if it is another."""
-        pieces = []
+    def _plain_array(self, key: str) -> np.ndarray | None:
+        """Read a list of nothing but numbers; None, and nothing read, if it is another.
+
+        Numbers of fields that are of no use here are passed over.
+        """
         place = self._position + 1
         while True:
-            plain = _NO_STRUCTURE.match(self._data, place)
+            plain = _PLAIN.match(self._data, place)
             assert plain is not None
-            pieces.append(plain[0])
             comment = _COMMENT.match(self._data, plain.end())
             if comment is None:
                 break
             place = comment.end()
-        text = b' '.join(pieces).replace(b',', b' ')
-        starts_well = text.isspace() or not text or _NUMBER.match(text.lstrip()[:80])
-        if self._data[plain.end() : plain.end() + 1] != b']' or not starts_well:
+        start, end = self._position + 1, plain.end()
+        if self._data[end : end + 1] != b']' or not self._starts_with_number(start, end):
             return None
-        self._position = plain.end() + 1
-        return parse_numbers(text, 'VRML array')
+        numbers = Rows(_LONG_FIELDS.get(key, np.float64), 1)
+        if key in _SHORT_FIELDS or key in _LONG_FIELDS:
+            for text in self._plain_text(start, end):
+                values = parse_numbers(text, 'VRML array')
+                numbers.add(_indices(values) if key == 'coordIndex' else values)
+        self._position = end + 1
+        return numbers.table().reshape(-1)
+
+    def _starts_with_number(self, start: int, end: int) -> bool:
+        """Whether the list from `start` to `end` is empty or begins with a number."""
+        position, self._position = self._position, start
+        self._skip_space()
+        first, self._position = self._position, position
+        return first >= end or _NUMBER.match(self._data, first) is not None
+
+    def _plain_text(self, start: int, end: int) -> Iterator[bytes]:
+        """Yield the text of a list from `start` to `end` in pieces, without comments or commas."""
+        text = self._data[start:end]
+        if b'#' in text:
+            for chunk in chunks_of_lines(text):
+                yield _COMMENT.sub(b'', chunk).replace(b',', b' ')
+        else:
+            for chunk in chunks_of_words(text):
+                yield chunk.replace(b',', b' ')
+
+
+def _indices(values: np.ndarray) -> np.ndarray:
+    if not np.all((values == np.floor(values)) & (np.abs(values) < 2**31)):
+        raise ScanFileError('VRML coordIndex that is not made of 32-bit integers')
+    return values.astype(np.int32)
 
 
 @dataclass
 class _Collected:
     byte_budget: int
+    shared: int
+    """How often the scene uses a node again: without any, points are moved where they are."""
     points: list[np.ndarray] = field(default_factory=list)
-    triangles: list[np.ndarray] = field(default_factory=list)
+    triangles: Rows = field(default_factory=lambda: Rows(np.int32, 3))
     notes: list[str] = field(default_factory=list)
     n_points: int = 0
     visits: int = 0
@@ -326,30 +401,41 @@ def _add_geometry(geometry: Node, to_scene: np.ndarray, collected: _Collected) -
     point = coordinates.fields.get('point') if isinstance(coordinates, Node) else None
     if not isinstance(point, np.ndarray) or point.size % 3 or point.size == 0:
         raise ScanFileError(f'VRML {geometry.type} without points of three coordinates')
-    with np.errstate(all='ignore'):
-        points = point.reshape(-1, 3) @ to_scene[:3, :3].T + to_scene[:3, 3]
-    start = collected.n_points
+    if collected.shared:
+        collected.spend(point.nbytes)
+        point = point.copy()
+    elif isinstance(coordinates, Node):
+        del coordinates.fields['point']
+    points = point.reshape(-1, 3)
+    for start in range(0, len(points), _PIECE):
+        piece = slice(start, start + _PIECE)
+        with np.errstate(all='ignore'):
+            points[piece] = points[piece] @ to_scene[:3, :3].T + to_scene[:3, 3]
+    first = collected.n_points
     collected.points.append(points)
     collected.n_points += len(points)
-    collected.spend(points.nbytes)
     index = geometry.fields.get('coordIndex')
     if geometry.type == 'PointSet' or not isinstance(index, np.ndarray):
         return
-    triangles = _indexed_triangles(index, len(points))
-    if not geometry.flag('ccw', True):
-        triangles = triangles[:, ::-1]
-    collected.spend(triangles.nbytes)
-    collected.triangles.append(triangles + start)
+    turned = not geometry.flag('ccw', True)
+    for triangles in _indexed_triangles(index, len(points)):
+        if collected.shared:
+            collected.spend(triangles.nbytes)
+        collected.triangles.add((triangles[:, ::-1] if turned else triangles) + first)
 
 
-def _indexed_triangles(index: np.ndarray, n_points: int) -> np.ndarray:
+def _indexed_triangles(index: np.ndarray, n_points: int) -> Iterator[np.ndarray]:
     """Cut polygons, each ended by -1 (the last end may be missing), into triangles (m, 3)."""
-    if np.any(index != np.floor(index)) or np.any(np.abs(index) > 2**31):
-        raise ScanFileError('VRML coordIndex that is not made of 32-bit integers')
-    whole = index.astype(np.int64)
-    if whole.size and whole[-1] != -1:
-        whole = np.append(whole, -1)
-    ends = np.flatnonzero(whole == -1)
-    sizes = np.diff(ends, prepend=-1) - 1
-    corners = whole[whole != -1]
-    return checked_triangles(triangles_from_polygons(sizes, corners), n_points)
+    start = 0
+    while start < len(index):
+        piece = index[start : start + _PIECE]
+        ends = np.flatnonzero(piece == -1)
+        if start + len(piece) == len(index):
+            if piece[-1] != -1:
+                ends = np.append(ends, len(piece))
+        elif not len(ends):
+            raise ScanFileError(f'VRML face of more than {_PIECE} corners; export triangles')
+        piece = piece[: ends[-1]]
+        sizes = np.diff(ends, prepend=-1) - 1
+        yield checked_triangles(triangles_from_polygons(sizes, piece[piece != -1]), n_points)
+        start += int(ends[-1]) + 1

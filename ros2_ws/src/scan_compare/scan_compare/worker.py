@@ -1,14 +1,17 @@
 """Comparisons in a process of their own, so that no callback of the node ever waits for one.
 
-The process is spawned, never forked; it computes one comparison at a time and the newest job
-waiting replaces an older one.
+The process is spawned, never forked; it computes one comparison at a time, in the order in which
+the jobs came, below the priority of the nodes that answer live.
 """
 
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
-from dataclasses import dataclass, field
+import time
+from collections import deque
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -43,6 +46,10 @@ FAILURES = (
     SurfaceError,
     UnitError,
 )
+NICENESS = 10
+"""What the process adds to its niceness, as the solver's background process does: a scan can wait,
+the surface that answers the next contact cannot."""
+
 READY = 'ready'
 """First word of the process. A job sent before it would fill the pipe and hold the node up for as
 long as the imports take."""
@@ -58,6 +65,11 @@ class Cloud:
     source: str
     points: np.ndarray | None
     unit: str | None
+
+    @property
+    def size(self) -> int:
+        """Memory of the points [bytes]; a file is read when its turn comes."""
+        return 0 if self.points is None else self.points.nbytes
 
 
 @dataclass(frozen=True)
@@ -86,7 +98,10 @@ class Job:
 
 @dataclass(frozen=True)
 class Result:
-    """What came of a job: an `error` sentence, or points, distances and statistics."""
+    """What came of a job: an `error` sentence, or points, distances and statistics.
+
+    seconds: how long the comparison took, without its wait.
+    """
 
     number: int
     stamp_ns: int
@@ -96,6 +111,7 @@ class Result:
     distance: np.ndarray = field(default_factory=lambda: np.empty(0, np.float32))
     statistics: dict[str, object] = field(default_factory=dict)
     sentence: str = ''
+    seconds: float = 0.0
 
 
 def run(job: Job) -> Result:
@@ -184,14 +200,15 @@ def _same_mesh(shell: ShellObject, triangles: np.ndarray) -> ControlMesh | None:
 def _scan(cloud: Cloud, surface: DeformedSurface) -> Scan:
     if cloud.points is None:
         return read_scan(cloud.source, cloud.unit, surface.extent)
-    cleaned = clean(cloud.points, None)
+    cleaned = clean(cloud.points.copy(), None)
     if len(cleaned.points) == 0:
         raise ScanFileError(no_points(cloud.source, len(cloud.points)))
     try:
         unit = choose_unit(robust_extent(cleaned.points), cloud.unit, surface.extent)
     except UnitError as error:
         raise UnitError(f'{cloud.source}: {error}') from None
-    points = cleaned.points * unit.metres
+    points = cleaned.points
+    points *= unit.metres
     return Scan(points, None, unit.name, unit.inferred, cloud.source, cleaned.notes)
 
 
@@ -199,48 +216,60 @@ def serve(connection: Connection) -> None:
     """Answer jobs until the other end closes."""
     # Ctrl-C reaches the whole process group; the node decides when this process ends
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(NICENESS)
     connection.send(READY)
     while True:
         try:
             job = connection.recv()
         except (EOFError, OSError):
             return
+        began = time.monotonic()
         try:
             result = run(job)
         except Exception as error:  # a defect must reach the diagnostics, not end the process
             result = Result(job.number, job.stamp_ns, job.frame, f'defect: {error!r}')
         try:
-            connection.send(result)
+            connection.send(replace(result, seconds=time.monotonic() - began))
         except OSError:
             return
 
 
 class Worker:
-    """Owns the process: starts it, hands it the newest job, restarts it when it died."""
+    """Owns the process: starts it, hands it one job after the other, restarts it when it died."""
 
     def __init__(self) -> None:
         self._context = multiprocessing.get_context('spawn')
         self._connection: Connection | None = None
         self._process: BaseProcess | None = None
         self._running: Job | None = None
-        self._waiting: Job | None = None
+        self._waiting: deque[Job] = deque()
         self._ready = False
         self.restarts = -1
-        self.replaced = 0
         self._start()
 
     @property
     def busy(self) -> bool:
         """Whether a comparison is being computed or waits."""
-        return self._running is not None or self._waiting is not None
+        return self._running is not None or bool(self._waiting)
 
-    def submit(self, job: Job) -> int | None:
-        """Take a job; returns the number of the waiting job that it replaces, if any."""
-        replaced = self._waiting.number if self._waiting is not None else None
-        self.replaced += replaced is not None
-        self._waiting = job
+    @property
+    def waiting(self) -> int:
+        """Jobs that wait for the one being computed."""
+        return len(self._waiting)
+
+    @property
+    def waiting_size(self) -> int:
+        """Memory of their points [bytes]."""
+        return sum(job.cloud.size for job in self._waiting)
+
+    def submit(self, job: Job) -> None:
+        """Take a job; it is computed after those that wait already."""
+        self._waiting.append(job)
         self._hand_over()
-        return replaced
+
+    def drop_oldest(self) -> Job | None:
+        """Give up the job that has waited longest; None if none waits."""
+        return self._waiting.popleft() if self._waiting else None
 
     def poll(self) -> Result | None:
         """Return a result if one is there; never waits for a computation."""
@@ -260,10 +289,10 @@ class Worker:
         return None
 
     def _hand_over(self) -> None:
-        if not self._ready or self._running is not None or self._waiting is None:
+        if not self._ready or self._running is not None or not self._waiting:
             return
         assert self._connection is not None
-        self._running, self._waiting = self._waiting, None
+        self._running = self._waiting.popleft()
         try:
             self._connection.send(self._running)
         except OSError:

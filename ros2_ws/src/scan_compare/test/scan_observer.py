@@ -5,11 +5,14 @@ from __future__ import annotations
 import array
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point
+from rcl_interfaces.srv import GetParameters
+from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2, PointField
@@ -64,6 +67,7 @@ class ScanObserver:
             self.node.create_subscription(Float64, f'scan/{name}', self._keep(name), reliable)
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._health, reliable)
         self.compare = self.node.create_client(Trigger, 'scan/compare')
+        self.parameters = self.node.create_client(GetParameters, 'scan_compare/get_parameters')
 
     def _keep(self, name: str) -> Callable[[Float64], None]:
         def keep(message: Float64) -> None:
@@ -110,8 +114,15 @@ class ScanObserver:
         self.scans.publish(cloud(('x', 'y', 'z'), points, stamp_ns, frame))
 
     def call_compare(self) -> Trigger.Response:
-        self.wait(self.compare.service_is_ready)
-        future = self.compare.call_async(Trigger.Request())
+        return self._call(self.compare, Trigger.Request())
+
+    def get_parameter(self, name: str) -> str:
+        answer = self._call(self.parameters, GetParameters.Request(names=[name]))
+        return answer.values[0].string_value
+
+    def _call(self, client: Client, request: Any) -> Any:
+        self.wait(client.service_is_ready)
+        future = client.call_async(request)
         self.wait(future.done)
         return future.result()
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scan_mutations import MEMORY_FACTOR, MEMORY_SLACK, read_or_refuse, run, seeds
 
-from scan_compare.scan_file import ScanFileError, parse_scan
+from scan_compare.scan_file import ScanFileError, parse_scan, read_scan
 
 
 @pytest.mark.parametrize('name', list(seeds()))
@@ -36,32 +37,62 @@ def test_arbitrary_bytes_are_read_or_refused(data: bytes, suffix: str) -> None:
     read_or_refuse(magic.get(suffix, b'') + data, suffix)
 
 
+PLY = (
+    'ply\nformat {} 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n'
+)
+FACES = 'element face {n}\nproperty list uchar int vertex_indices\nend_header\n'
+CORNERS = '0 0 0\n1 0 0\n0 1 0\n'
+WRL = '#VRML V2.0 utf8\nShape {{ geometry IndexedFaceSet {{ coord Coordinate {{ point [ '
+
+
 @pytest.mark.parametrize(
-    ('suffix', 'head', 'line', 'repeat'),
+    ('suffix', 'head', 'line', 'tail'),
     [
-        ('.xyz', '', '0 0 0\n', 1_000_000),
-        ('.obj', 'v 0 0 0\nv 0 0 1\nv 0 1 0\n', 'f 1 2 3\n', 500_000),
-        ('.ply', 'ply\nformat ascii 1.0\nelement vertex 1000000\nproperty float x\n'
-         'property float y\nproperty float z\nend_header\n', '0 0 0\n', 1_000_000),
-        ('.stl', 'solid\n', 'facet\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendfacet\n',
-         100_000),
-        ('.wrl', '#VRML V2.0 utf8\nShape { geometry PointSet { coord Coordinate { point [',
-         '0 0 0 ', 1_000_000),
+        ('.xyz', '', '1 2 3\n', ''),
+        ('.csv', '', '1,2,3\n', ''),
+        ('.xyz', '0 1 2\n', '#\n', ''),
+        ('.obj', '', 'v 1 2 3\n', ''),
+        ('.obj', 'v 0 0 0\nv 0 0 1\nv 0 1 0\n', 'f 1 2 3\n', ''),
+        ('.obj', 'v 0 0 0\nv 0 0 1\nv 0 1 0\n', 'f 1 2 \\\n3\n', ''),
+        ('.ply', PLY.format('ascii', '{n}') + 'end_header\n', '1 2 3\n', ''),
+        ('.ply', PLY.format('ascii', 3) + FACES + CORNERS, '3 0 1 2\n', ''),
+        ('.ply', PLY.format('binary_little_endian', '{n}') + 'end_header\n', '  @A  @A  @B', ''),
+        ('.stl', 'solid\n', 'facet\nvertex 1 0 0\nvertex 0 1 0\nvertex 0 0 1\n', ''),
+        ('.wrl', WRL, '1 2 3 ', '] } } }'),
+        ('.wrl', WRL + '0 0 0 1 0 0 0 1 0 ] }} coordIndex [ ', '0 1 2 -1 ', '] } }'),
+        ('.wrl', WRL + '0 0 0 ] }} color Color {{ color [', '0 ', '] } } }'),
     ],
 )  # fmt: skip
-def test_large_files_stay_within_eight_times_their_size(
-    suffix: str, head: str, line: str, repeat: int
+def test_reading_a_file_takes_at_most_eight_bytes_for_each_of_its_bytes(
+    tmp_path: Path, suffix: str, head: str, line: str, tail: str
 ) -> None:
-    tail = '] } } }' if suffix == '.wrl' else ''
-    data = (head + line * repeat + tail).encode()
-    tracemalloc.start()
-    try:
-        parse_scan(data, suffix, 'large', 'mm')
-    except ScanFileError as error:
-        pytest.fail(str(error))
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < (MEMORY_FACTOR - 1) * len(data) + MEMORY_SLACK
+    path = tmp_path / f'large{suffix}'
+    sizes, peaks = [], []
+    for megabytes in (3, 6):
+        n = megabytes * 2**20 // len(line)
+        path.write_text(head.format(n=n) + line * n + tail)
+        tracemalloc.start()
+        read_scan(path, 'mm')
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        sizes.append(path.stat().st_size)
+    assert peaks[0] < MEMORY_SLACK
+    assert peaks[1] - peaks[0] <= MEMORY_FACTOR * (sizes[1] - sizes[0])
+
+
+@pytest.mark.parametrize(
+    ('suffix', 'head', 'words'),
+    [
+        ('.xyz', '', 'a line of more than'),
+        ('.obj', 'v 1 2 3\nf', 'a line of more than'),
+        ('.ply', PLY.format('ascii', 3) + FACES.format(n=1) + CORNERS + '2000000', 'absurd'),
+        ('.wrl', WRL.format() + '0 0 0 ] } coordIndex [', 'corners; export triangles'),
+    ],
+)
+def test_a_face_or_a_line_without_end_is_refused(suffix: str, head: str, words: str) -> None:
+    tail = '] } }' if suffix == '.wrl' else ''
+    with pytest.raises(ScanFileError, match=words):
+        parse_scan((head + ' 1' * 1_000_000 + tail).encode(), suffix, 'endless', 'mm')
 
 
 def test_deep_vrml_nesting_does_not_exhaust_the_stack() -> None:

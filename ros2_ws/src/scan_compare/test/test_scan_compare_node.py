@@ -15,6 +15,8 @@ from scan_observer import ScanObserver
 from scan_shells import ball, scan_points, two_dents
 
 SECOND = 1_000_000_000
+LONG = 240.0
+"""Patience [s] with much work for a process that yields to all others."""
 GRASP = ball(two_dents(0.006, bulge=0.0003))
 DEEPER = ball(two_dents(0.008, bulge=0.0003))
 REST = ball()
@@ -64,6 +66,46 @@ def test_a_scan_is_compared_with_the_surface_of_its_own_time(
     observer.wait(lambda: len(observer.errors) == 2)
     observer.wait(lambda: observer.numbers['mean_error'] > 0.11e-3)
     observer.wait(lambda: 'exceeds the noise floor' in observer.summary)
+
+
+@pytest.mark.timeout(2 * LONG)
+def test_scans_faster_than_comparisons_are_all_judged_in_their_order(
+    serve: Callable[..., Any], observer: ScanObserver
+) -> None:
+    serve(surface_wait=0.1)
+    for second in range(1, 7):
+        observer.send_scan(scan_points(REST, 5_000, seed=second), second * SECOND, 'object')
+    observer.wait(lambda: len(observer.errors) == 6, LONG)
+    assert [cloud.header.stamp.sec for cloud in observer.errors] == [1, 2, 3, 4, 5, 6]
+    observer.wait(lambda: observer.values.get('comparisons') == '6')
+    assert observer.values['dropped'] == '0'
+
+
+def test_beyond_the_waiting_memory_the_oldest_scans_are_dropped_counted_and_named(
+    serve: Callable[..., Any], observer: ScanObserver
+) -> None:
+    serve(surface_wait=60.0, waiting_memory=1.0)
+    for second in range(1, 5):
+        # 20 000 points take 0.48 MB: two may wait for the surface that never comes
+        observer.send_scan(scan_points(REST, 20_000), second * SECOND, 'object')
+    observer.wait(lambda: observer.values.get('dropped') == '2')
+    assert observer.values['waiting'] == '2'
+    assert 'the scan of 2.000 s was dropped unjudged' in observer.summary
+
+
+@pytest.mark.timeout(2 * LONG)
+def test_while_a_million_points_are_compared_the_node_answers(
+    serve: Callable[..., Any], observer: ScanObserver
+) -> None:
+    serve(surface_wait=0.1)
+    observer.send_scan(scan_points(REST, 1_000_000), SECOND, 'object')
+    observer.wait(lambda: observer.values.get('busy') == 'True')
+    assert observer.get_parameter('object') == 'tennis_ball'
+    observer.send_surface(GRASP, 2 * SECOND)
+    observer.wait(lambda: observer.values.get('surfaces kept') == '1')
+    assert not observer.errors
+    observer.wait(lambda: observer.errors, LONG)
+    assert observer.errors[0].width == 1_000_000
 
 
 def test_without_a_surface_the_object_at_rest_is_compared_and_said_so(

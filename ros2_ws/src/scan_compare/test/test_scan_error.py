@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import subprocess
 import sys
@@ -63,6 +64,18 @@ def test_a_report_opens_offline_and_its_error_map_is_a_scan(
     assert read_scan(out / 'error.ply', 'm').points.shape == (20_000, 3)
     assert len((out / 'error.csv').read_text().splitlines()) == 20_001
     assert not list(out.glob('*.part'))
+    rows = list(csv.DictReader((out / 'comparison.csv').open()))
+    table = {row['statistic']: row for row in rows}
+    found = json.loads((out / 'comparison.json').read_text())
+    for name, key in (('mean error, area-weighted', 'mean_m'), ('median error', 'median_m'),
+                      ('rms error, area-weighted', 'rms_m'), ('95 % of errors below', 'p95_m'),
+                      ('max error (single point)', 'max_m')):  # fmt: skip
+        weighted = '_area_weighted' if 'area' in name else ''
+        for column, region in (('in_dent', 'dent'), ('outside_dent', 'outside_dent')):
+            value = found[region + weighted][key]
+            assert float(table[name][column]) == pytest.approx(1e3 * value, abs=6e-4)
+            assert f'<td class="n">{table[name][column]}</td>' in page
+        assert table[name]['unit'] == 'mm'
     first = {path.name: path.read_bytes() for path in out.iterdir()}
     main([*arguments, '--json'])
     assert {path.name: path.read_bytes() for path in out.iterdir()} == first

@@ -8,6 +8,7 @@ import numpy as np
 
 from scan_compare.formats.raw import (
     RawMesh,
+    Rows,
     ScanFileError,
     checked_triangles,
     chunks_of_lines,
@@ -21,7 +22,6 @@ _NOT_A_FACE = re.compile(rb'^(?![ \t]*f[ \t])[^\n]*$', re.MULTILINE)
 _KEYWORD = re.compile(rb'^[ \t]*[vf](?=[ \t])', re.MULTILINE)
 _COMMENT = re.compile(rb'#[^\n]*')
 _AFTER_SLASH = re.compile(rb'/[^\s]*')
-_CONTINUATION = re.compile(rb'\\\r?\n')
 
 
 def read_obj(data: bytes) -> RawMesh:
@@ -31,33 +31,29 @@ def read_obj(data: bytes) -> RawMesh:
     z (weights, colours) are ignored. Raises ScanFileError for anything unreadable.
     """
     if b'\\' in data:
-        data = _CONTINUATION.sub(b' ', data)
-    vertices: list[np.ndarray] = []
-    sizes: list[np.ndarray] = []
-    corners: list[np.ndarray] = []
-    n_points = 0
+        data = data.replace(b'\\\r\n', b' ').replace(b'\\\n', b' ')
+    points = Rows(np.float64, 3)
+    triangles = Rows(np.int32, 3)
     for chunk in chunks_of_lines(data):
         text = _COMMENT.sub(b'', chunk) if b'#' in chunk else chunk
-        before = n_points
+        before = len(points)
         lines_v = _KEYWORD.sub(b'', _NOT_A_VERTEX.sub(b'', text))
         columns = tokens_per_line(lines_v)
         if columns.size:
-            vertices.append(_coordinates(lines_v, columns))
-            n_points += len(columns)
+            points.add(_coordinates(lines_v, columns))
         lines_f = _KEYWORD.sub(b'', _NOT_A_FACE.sub(b'', text))
         if lines_f and not lines_f.isspace():
             indices = parse_numbers(_AFTER_SLASH.sub(b'', lines_f), 'OBJ face')
-            sizes.append(tokens_per_line(lines_f).astype(np.int32))
-            if int(sizes[-1].sum()) != indices.size:
+            sizes = tokens_per_line(lines_f)
+            if int(sizes.sum()) != indices.size:
                 raise ScanFileError('OBJ face with a corner that has no vertex index')
-            corners.append(_absolute(indices, sizes[-1], text, before))
-    if not vertices:
+            corners = _absolute(indices, sizes, text, before)
+            triangles.add(triangles_from_polygons(sizes, corners))
+    if not len(points):
         raise ScanFileError('OBJ file without any vertex')
-    points = np.concatenate(vertices)
-    if not corners:
-        return RawMesh(points, None)
-    triangles = triangles_from_polygons(np.concatenate(sizes), np.concatenate(corners))
-    return RawMesh(points, checked_triangles(triangles, len(points)))
+    if not len(triangles):
+        return RawMesh(points.table(), None)
+    return RawMesh(points.table(), checked_triangles(triangles.table(), len(points)))
 
 
 def _coordinates(text: bytes, columns: np.ndarray) -> np.ndarray:

@@ -4,23 +4,31 @@ from __future__ import annotations
 
 import struct
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from scan_compare.formats.raw import (
+    CHUNK_FACES,
     RawMesh,
+    Rows,
     ScanFileError,
     checked_triangles,
-    chunks_of_lines,
+    chunks_of_words,
     parse_numbers,
     triangles_from_polygons,
 )
 
 LARGEST_HEADER = 2**16
 PIECE = 2**18
-"""Numbers or bytes of faces of mixed sizes that are gathered at once."""
+"""Numbers, bytes or vertices that are gathered at once."""
+
+LARGEST_LIST = 2**20
+"""Most items of one list in a file whose lists are walked through."""
+
+MOST_BYTE_FACES = 2**20
+"""Most faces whose indices have one byte: they cannot name more than 256 vertices."""
 
 _TYPES = {
     **dict.fromkeys(('char', 'int8'), 'i1'),
@@ -59,8 +67,11 @@ def read_ply(data: bytes) -> RawMesh:
     vertex = [element for element in elements if element.name == 'vertex']
     if len(vertex) != 1 or vertex[0].lists:
         raise ScanFileError('PLY needs one element "vertex" with scalar properties only')
-    if {'x', 'y', 'z'} - {item.name for item in vertex[0].properties}:
+    types = {item.name: item.type for item in vertex[0].properties}
+    if {'x', 'y', 'z'} - set(types):
         raise ScanFileError('PLY vertices without properties x, y and z')
+    if order and {types[axis] for axis in 'xyz'} & {'i1', 'u1'}:
+        raise ScanFileError('PLY coordinates of 8 bits are no scan; export float')
     table: _BinaryBody | _AsciiBody = (
         _BinaryBody(data, body, order) if order else _AsciiBody(data, body)
     )
@@ -70,8 +81,7 @@ def read_ply(data: bytes) -> RawMesh:
         if element.name == 'vertex':
             points = table.points(element)
         elif element.name == 'face' and len(element.lists) == 1:
-            sizes, corners = table.polygons(element)
-            triangles = triangles_from_polygons(sizes, corners)
+            triangles = table.triangles(element)
         else:
             table.skip(element)
     if triangles is not None:
@@ -138,39 +148,52 @@ class _BinaryBody:
         self._position = min(start, len(data))
         self._order = order
 
-    def _records(self, element: _Element, fields: list[tuple[str, str]]) -> np.ndarray:
+    def _records(self, element: _Element, fields: list[tuple[str, str]], count: int) -> np.ndarray:
+        """Read the next `count` of the element's records, all of one size."""
         record = np.dtype([(f'f{k}', self._order + kind) for k, (_, kind) in enumerate(fields)])
-        if element.count == 0 or record.itemsize == 0:
+        if count == 0 or record.itemsize == 0:
             return np.empty(0, record)
         left = len(self._data) - self._position
-        if element.count * record.itemsize > left:
+        if count * record.itemsize > left:
             raise _missing(element, left // record.itemsize)
-        table = np.frombuffer(self._data, record, element.count, self._position)
-        self._position += element.count * record.itemsize
+        table = np.frombuffer(self._data, record, count, self._position)
+        self._position += count * record.itemsize
         return table
+
+    def _scalars(self, element: _Element) -> np.ndarray:
+        fields = [(item.name, item.type) for item in element.properties]
+        return self._records(element, fields, element.count)
 
     def points(self, element: _Element) -> np.ndarray:
         names = [item.name for item in element.properties]
-        table = self._records(element, [(item.name, item.type) for item in element.properties])
+        table = self._scalars(element)
         points = np.empty((len(table), 3))
         for axis, name in enumerate('xyz'):
             points[:, axis] = table[f'f{names.index(name)}']
         return points
 
-    def polygons(self, element: _Element) -> tuple[np.ndarray, np.ndarray]:
-        triangles = self._all_triangles(element)
-        if triangles is not None:
-            return np.full(len(triangles), 3, np.int32), triangles.reshape(-1)
+    def triangles(self, element: _Element) -> np.ndarray:
         kind = np.dtype(self._order + element.lists[0].type)
+        if kind.itemsize == 1 and element.count > MOST_BYTE_FACES:
+            raise ScanFileError(
+                f'PLY declares {element.count} faces whose indices of 8 bits name 256 vertices at '
+                'most; export with indices of 32 bits'
+            )
         stored = np.frombuffer(self._data, np.uint8)
-        return _corners(
-            *self._walk(element),
-            kind.itemsize,
-            lambda place: stored[place].view(kind),
-        )
+        triangles = Rows(np.int32, 3)
+        for count in _pieces(element.count):
+            piece = self._all_triangles(element, count)
+            if piece is None:
+                piece = _fans(
+                    *self._walk(element, count),
+                    kind.itemsize,
+                    lambda place: stored[place].view(kind),
+                )
+            triangles.add(piece)
+        return triangles.table()
 
-    def _all_triangles(self, element: _Element) -> np.ndarray | None:
-        """Read (m, 3) at once when every face has three corners; None if one has not."""
+    def _all_triangles(self, element: _Element, faces: int) -> np.ndarray | None:
+        """Read (faces, 3) at once when each has three corners; None if one has not."""
         fields: list[tuple[str, str]] = []
         column = 0
         for item in element.properties:
@@ -181,7 +204,7 @@ class _BinaryBody:
             fields += [('count', item.count_type)] + [('corner', item.type)] * 3
         start = self._position
         try:
-            table = self._records(element, fields)
+            table = self._records(element, fields, faces)
         except ScanFileError:
             return None
         if not np.all(table[f'f{column}'] == 3):
@@ -189,8 +212,8 @@ class _BinaryBody:
             return None
         return np.column_stack([_integers(table[f'f{column + k}']) for k in (1, 2, 3)])
 
-    def _walk(self, element: _Element) -> tuple[np.ndarray, np.ndarray]:
-        """Find every list of an element of mixed sizes: its length, and its first byte."""
+    def _walk(self, element: _Element, faces: int) -> tuple[np.ndarray, np.ndarray]:
+        """Find every list of the next `faces` elements: its length, and its first byte."""
         data, position = self._data, self._position
         sizes, starts = array('i'), array('q')
         steps = [
@@ -198,9 +221,7 @@ class _BinaryBody:
              np.dtype(item.type).itemsize)
             for item in element.properties
         ]  # fmt: skip
-        if element.count > len(data) - position:
-            raise _missing(element, len(data) - position)
-        for face in range(element.count):
+        for face in range(faces):
             for reader, item_bytes in steps:
                 count, start = 1, position
                 if reader:
@@ -212,89 +233,153 @@ class _BinaryBody:
                 if count < 0 or position > len(data):
                     raise _missing(element, face)
                 if reader:
-                    sizes.append(count)
+                    sizes.append(min(count, LARGEST_LIST))
                     starts.append(start)
         self._position = position
         return np.array(sizes, np.int32), np.array(starts, np.int64)
 
     def skip(self, element: _Element) -> None:
         if not element.lists:
-            self._records(element, [(item.name, item.type) for item in element.properties])
-        else:
-            self._walk(element)
+            self._scalars(element)
+            return
+        for count in _pieces(element.count):
+            self._walk(element, count)
 
 
 class _AsciiBody:
-    """Reads elements one after the other from the numbers of the text."""
+    """Reads elements one after the other from the numbers of the text, a piece at a time."""
 
     def __init__(self, data: bytes, start: int) -> None:
-        pieces = [parse_numbers(chunk, 'ASCII PLY') for chunk in chunks_of_lines(data, start)]
-        self._numbers = np.concatenate(pieces) if pieces else np.empty(0)
+        self._chunks = chunks_of_words(data, start)
+        self._numbers = np.empty(0)
         self._position = 0
+
+    def _fill(self, wanted: int) -> int:
+        """Read on until `wanted` numbers lie ahead, or the text ends; returns how many do."""
+        ahead = [self._numbers[self._position :]]
+        count = ahead[0].size
+        if count < wanted:
+            for chunk in self._chunks:
+                ahead.append(parse_numbers(chunk, 'ASCII PLY'))
+                count += ahead[-1].size
+                if count >= wanted:
+                    break
+            self._numbers = np.concatenate(ahead)
+            self._position = 0
+        return count
+
+    def _rows(self, element: _Element, done: int, columns: int) -> np.ndarray:
+        """Read some of the rows (k, columns) that follow the first `done` of the element."""
+        most = min(element.count - done, CHUNK_FACES)
+        present = self._fill(most * columns) // columns
+        if present == 0:
+            raise _missing(element, done)
+        stop = self._position + min(most, present) * columns
+        return self._numbers[self._position : stop].reshape(-1, columns)
+
+    def _scalars(self, element: _Element) -> Iterator[np.ndarray]:
+        """Read an element without lists, piece by piece."""
+        done = 0
+        while done < element.count and element.properties:
+            rows = self._rows(element, done, len(element.properties))
+            yield rows
+            self._position += rows.size
+            done += len(rows)
 
     def points(self, element: _Element) -> np.ndarray:
         names = [item.name for item in element.properties]
-        table = self._table(element, len(names))
-        return table[:, [names.index(axis) for axis in 'xyz']]
+        points = Rows(np.float64, 3)
+        for rows in self._scalars(element):
+            points.add(rows[:, [names.index(axis) for axis in 'xyz']])
+        return points.table()
 
-    def _table(self, element: _Element, columns: int) -> np.ndarray:
-        stop = self._position + element.count * columns
-        if stop > self._numbers.size:
-            raise _missing(element, (self._numbers.size - self._position) // max(columns, 1))
-        table = self._numbers[self._position : stop].reshape(-1, max(columns, 1))
-        self._position = stop
-        return table
-
-    def polygons(self, element: _Element) -> tuple[np.ndarray, np.ndarray]:
+    def triangles(self, element: _Element) -> np.ndarray:
         column = [item.count_type is not None for item in element.properties].index(True)
         columns = len(element.properties) + 3
-        start = self._position
-        if start + element.count * columns <= self._numbers.size:
-            table = self._table(element, columns)
-            if np.all(table[:, column] == 3):
-                corners = _integers(table[:, column + 1 : column + 4])
-                return np.full(len(table), 3, np.int32), corners.reshape(-1)
-            self._position = start
-        return _corners(*self._walk(element), 1, lambda place: self._numbers[place])
+        triangles = Rows(np.int32, 3)
+        done = 0
+        while done < element.count:
+            if self._fill(columns) >= columns:
+                rows = self._rows(element, done, columns)
+                if np.all(rows[:, column] == 3):
+                    triangles.add(_integers(rows[:, column + 1 : column + 4]))
+                    self._position += rows.size
+                    done += len(rows)
+                    continue
+            faces, sizes, starts = self._walk(element, done)
+            triangles.add(_fans(sizes, starts, 1, lambda place: self._numbers[place]))
+            done += faces
+        return triangles.table()
 
-    def _walk(self, element: _Element) -> tuple[np.ndarray, np.ndarray]:
-        """Find every list of an element of mixed sizes: its length, and its first number."""
-        numbers, position = self._numbers, self._position
-        sizes, starts = array('i'), array('q')
+    def _walk(self, element: _Element, done: int) -> tuple[int, np.ndarray, np.ndarray]:
+        """Pass some elements after the first `done`: how many, their lists' lengths and starts."""
         steps = [item.count_type is not None for item in element.properties]
-        if element.count > numbers.size - position:
-            raise _missing(element, numbers.size - position)
-        for face in range(element.count):
-            for is_list in steps:
-                count = 1
-                if is_list:
-                    count = _list_length(numbers, position)
-                    position += 1
-                    sizes.append(count)
-                    starts.append(position)
-                position += count
-            if position > numbers.size:
-                raise _missing(element, face)
+        most = min(element.count - done, CHUNK_FACES)
+        wanted = PIECE
+        while True:
+            present = self._fill(wanted)
+            sizes, starts = array('i'), array('q')
+            passed = 0
+            while passed < most and (lists := self._lists(steps)) is not None:
+                for size, start in lists:
+                    sizes.append(size)
+                    starts.append(start)
+                passed += 1
+            if passed:
+                return passed, np.array(sizes, np.int32), np.array(starts, np.int64)
+            if present < wanted:
+                raise _missing(element, done)
+            wanted *= 2
+
+    def _lists(self, steps: list[bool]) -> list[tuple[int, int]] | None:
+        """Pass one element; lengths and first numbers of its lists, None if it is not whole."""
+        numbers, position = self._numbers, self._position
+        found = []
+        for is_list in steps:
+            count = 1
+            if is_list:
+                if position >= numbers.size:
+                    return None
+                count = _list_length(numbers[position])
+                position += 1
+                found.append((count, position))
+            position += count
+        if position > numbers.size:
+            return None
         self._position = position
-        return np.array(sizes, np.int32), np.array(starts, np.int64)
+        return found
 
     def skip(self, element: _Element) -> None:
         if not element.lists:
-            self._table(element, len(element.properties))
-        else:
-            self._walk(element)
+            for _ in self._scalars(element):
+                pass
+            return
+        done = 0
+        while done < element.count:
+            done += self._walk(element, done)[0]
 
 
-def _corners(
+def _pieces(count: int) -> Iterator[int]:
+    """Split a number of faces into pieces."""
+    for start in range(0, count, CHUNK_FACES):
+        yield min(CHUNK_FACES, count - start)
+
+
+def _fans(
     sizes: np.ndarray, starts: np.ndarray, step: int, read: Callable[[np.ndarray], np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return `sizes` (p,) and the corners of all polygons in their order.
+) -> np.ndarray:
+    """Return the triangles (m, 3) of polygons of `sizes` (p,) corners.
 
     starts (p,): place of the first corner of each; step: places per corner; read: (k, places) ->
     (k, corners). Polygons of one size are read together, a piece at a time.
     """
     ends = np.cumsum(sizes, dtype=np.int64)
-    corners = np.empty(int(ends[-1]) if len(ends) else 0, np.int32)
+    total = int(ends[-1]) if len(ends) else 0
+    if total > max(LARGEST_LIST, 8 * len(sizes)):
+        raise ScanFileError(
+            f'{len(sizes)} PLY faces in a row have {total} corners or more; export triangles'
+        )
+    corners = np.empty(total, np.int32)
     for size in np.unique(sizes[sizes > 0]).tolist():
         members = np.flatnonzero(sizes == size)
         per_piece = max(1, PIECE // (step * size))
@@ -302,13 +387,13 @@ def _corners(
             piece = members[first : first + per_piece]
             values = read(starts[piece, None] + np.arange(step * size))
             corners[(ends[piece] - size)[:, None] + np.arange(size)] = _integers(values)
-    return sizes, corners
+    return triangles_from_polygons(sizes, corners)
 
 
-def _list_length(numbers: np.ndarray, position: int) -> int:
-    if position >= numbers.size or not 0 <= numbers[position] <= numbers.size:
-        raise ScanFileError('ASCII PLY with a face whose number of corners is missing or absurd')
-    return int(numbers[position])
+def _list_length(number: float) -> int:
+    if not 0 <= number <= LARGEST_LIST:
+        raise ScanFileError('ASCII PLY with a list whose length is missing or absurd')
+    return int(number)
 
 
 def _integers(values: np.ndarray) -> np.ndarray:

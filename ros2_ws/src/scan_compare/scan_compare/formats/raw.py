@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import re
 import warnings
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-CHUNK_BYTES = 4 * 2**20
+CHUNK_BYTES = 2**20
 """Text is parsed in pieces of about this size, so that working memory does not grow with it."""
+
+CHUNK_FACES = 2**16
+"""Faces of mixed sizes are cut into triangles in pieces of this many."""
+
+LARGEST_MEAN_FAN = 6
+FEW_TRIANGLES = 100_000
+"""Faces of a piece may have any size up to this many triangles; beyond it, LARGEST_MEAN_FAN
+triangles each: a corner of two bytes would otherwise become a triangle of twelve."""
 
 _WHITE_SPACE = bytes.maketrans(b'\r\v\f', b'\n  ')
 
@@ -29,6 +38,28 @@ class RawMesh:
     points: np.ndarray
     triangles: np.ndarray | None
     notes: tuple[str, ...] = ()
+
+
+class Rows:
+    """A table that grows by pieces in one block of memory: joining them needs no second one."""
+
+    def __init__(self, kind: type[np.float64] | type[np.int32], columns: int) -> None:
+        self._kind = kind
+        self._columns = columns
+        self._store = array('d' if kind is np.float64 else 'i')
+
+    def add(self, piece: np.ndarray) -> None:
+        """Append rows (k, columns)."""
+        self._store.frombytes(piece.astype(self._kind).tobytes())
+
+    def __len__(self) -> int:
+        return len(self._store) // self._columns
+
+    def table(self) -> np.ndarray:
+        """Return all rows (n, columns); none may be added afterwards."""
+        if not self._store:
+            return np.empty((0, self._columns), self._kind)
+        return np.frombuffer(self._store, self._kind).reshape(-1, self._columns)
 
 
 def parse_numbers(text: bytes, what: str) -> np.ndarray:
@@ -59,15 +90,28 @@ def _first_bad_token(text: bytes) -> str:
 def chunks_of_lines(data: bytes, start: int = 0) -> Iterator[bytes]:
     """Yield `data` from `start` in pieces of whole lines.
 
-    Line ends are unified to a line feed, vertical tabs and form feeds to a blank.
+    Line ends are unified to a line feed, vertical tabs and form feeds to a blank. Raises
+    ScanFileError for a line longer than a piece.
     """
+    return _chunks(data, start, b'\n\r', 'line')
+
+
+def chunks_of_words(data: bytes, start: int = 0) -> Iterator[bytes]:
+    """Yield `data` as `chunks_of_lines` does, but cut between any two words."""
+    return _chunks(data, start, b'\n\r \t,', 'word')
+
+
+def _chunks(data: bytes, start: int, ends: bytes, what: str) -> Iterator[bytes]:
     end = len(data)
     while start < end:
         stop = min(start + CHUNK_BYTES, end)
         if stop < end:
-            cut = max(data.rfind(b'\n', start, stop), data.rfind(b'\r', start, stop))
-            if cut >= start:
-                stop = cut + 1
+            stop = 1 + max(data.rfind(bytes((character,)), start, stop) for character in ends)
+            if stop == 0:
+                raise ScanFileError(
+                    f'a {what} of more than {CHUNK_BYTES} bytes is no part of a scan; '
+                    'export it again'
+                )
         yield data[start:stop].translate(_WHITE_SPACE)
         start = stop
 
@@ -89,12 +133,19 @@ def triangles_from_polygons(sizes: np.ndarray, corners: np.ndarray) -> np.ndarra
 
     sizes: (p,) corners of each polygon; corners: (sum of sizes,) their vertex indices in order.
     Returns (m, 3) in the polygons' orientation; polygons of fewer than three corners vanish.
+    Raises ScanFileError for many polygons of many corners each.
     """
-    fans = np.maximum(sizes - 2, 0)
     if np.all(sizes == 3):
         return corners.reshape(-1, 3)
-    first = np.repeat(np.cumsum(sizes) - sizes, fans)
-    step = np.arange(fans.sum()) - np.repeat(np.cumsum(fans) - fans, fans)
+    fans = np.maximum(sizes - 2, 0)
+    total = int(fans.sum(dtype=np.int64))
+    if total > max(FEW_TRIANGLES, LARGEST_MEAN_FAN * len(sizes)):
+        raise ScanFileError(
+            f'{len(sizes)} faces in a row have {int(sizes.sum(dtype=np.int64))} corners; '
+            'export triangles'
+        )
+    first = np.repeat(np.cumsum(sizes, dtype=np.int64) - sizes, fans)
+    step = np.arange(total) - np.repeat(np.cumsum(fans, dtype=np.int64) - fans, fans)
     return np.column_stack((corners[first], corners[first + step + 1], corners[first + step + 2]))
 
 

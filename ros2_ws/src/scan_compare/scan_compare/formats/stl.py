@@ -6,7 +6,13 @@ import re
 
 import numpy as np
 
-from scan_compare.formats.raw import RawMesh, ScanFileError, chunks_of_lines, parse_numbers
+from scan_compare.formats.raw import (
+    RawMesh,
+    Rows,
+    ScanFileError,
+    chunks_of_lines,
+    parse_numbers,
+)
 
 HEADER_BYTES = 80
 FACE = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attribute', '<u2')])
@@ -50,17 +56,16 @@ def _read_binary(data: bytes, declared: int) -> RawMesh:
 
 
 def _read_ascii(data: bytes) -> RawMesh:
-    pieces = []
+    coordinates = Rows(np.float64, 1)
     facets = 0
     for chunk in chunks_of_lines(data):
         facets += len(_FACET.findall(chunk))
         vertices = _VERTEX.sub(b'', _NOT_A_VERTEX_LINE.sub(b'', chunk))
-        pieces.append(parse_numbers(vertices, 'ASCII STL vertex'))
-    numbers = np.concatenate(pieces)
-    if numbers.size != 9 * facets:
+        coordinates.add(parse_numbers(vertices, 'ASCII STL vertex'))
+    if len(coordinates) != 9 * facets:
         raise ScanFileError(
             f'ASCII STL opens {facets} facets, which need {9 * facets} vertex coordinates, '
-            f'but holds {numbers.size}; the file is cut or malformed'
+            f'but holds {len(coordinates)}; the file is cut or malformed'
         )
-    points = numbers.reshape(-1, 3)
+    points = coordinates.table().reshape(-1, 3)
     return RawMesh(points, np.arange(len(points), dtype=np.int32).reshape(-1, 3))

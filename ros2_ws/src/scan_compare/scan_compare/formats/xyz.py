@@ -8,6 +8,7 @@ import numpy as np
 
 from scan_compare.formats.raw import (
     RawMesh,
+    Rows,
     ScanFileError,
     chunks_of_lines,
     parse_numbers,
@@ -27,12 +28,12 @@ def read_xyz(data: bytes) -> RawMesh:
     are skipped; columns after the third (colour, intensity, normal) are ignored. Raises
     ScanFileError if a token is not a number or lines differ in their number of columns.
     """
-    pieces: list[np.ndarray] = []
+    points = Rows(np.float64, 3)
     columns = 0
     for chunk in chunks_of_lines(data):
         text = _COMMENT.sub(b'', chunk) if b'#' in chunk or b'//' in chunk else chunk
         text = text.translate(_SEPARATORS)
-        if not pieces:
+        if not len(points):
             text = _COUNT_LINE.sub(b'', _COLUMN_NAMES.sub(b'', text))
         counts = tokens_per_line(text)
         if counts.size == 0:
@@ -47,7 +48,7 @@ def read_xyz(data: bytes) -> RawMesh:
                 'later; the file is cut or not a table of points'
             )
         numbers = parse_numbers(text, 'XYZ coordinate').reshape(-1, columns)
-        pieces.append(np.ascontiguousarray(numbers[:, :3]))
-    if not pieces:
+        points.add(numbers[:, :3])
+    if not len(points):
         raise ScanFileError('XYZ file without any point')
-    return RawMesh(np.concatenate(pieces), None)
+    return RawMesh(points.table(), None)

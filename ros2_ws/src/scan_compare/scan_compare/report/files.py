@@ -11,7 +11,7 @@ from string import Template
 import numpy as np
 
 from scan_compare.comparison import Comparison
-from scan_compare.report.table import coverage_rows, rows, verdict
+from scan_compare.report.table import HEADING, NONE, Row, rows, verdict
 
 _PAGE = Template("""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>Scan comparison: $title</title>
@@ -28,11 +28,8 @@ td.n{text-align:right;font-variant-numeric:tabular-nums}
 <p class="verdict">$verdict</p>
 <img alt="scan, model and error map from one camera; profile; histogram" src="$picture">
 <img alt="deformed patches on the undeformed shape" src="$patches">
-<table><tr><th>statistic</th><th>mm</th><th>% of max. displacement</th></tr>
+<table><tr>$heading</tr>
 $rows
-</table>
-<table><tr><th>coverage</th><th>%</th></tr>
-$coverage
 </table>
 <h2>Registration</h2><p>$registration</p>
 $notes
@@ -78,8 +75,14 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def _table_csv(comparison: Comparison) -> str:
-    lines = ['statistic,millimetres,percent_of_max_displacement']
-    lines += [f'"{what.strip()}",{value},{share}' for what, value, share in rows(comparison)]
+    lines = [
+        'statistic,whole_scan,in_dent,outside_dent,unit,'
+        'whole_scan_percent_of_max_displacement,in_dent_percent_of_max_displacement'
+    ]
+    for what, *cells in rows(comparison):
+        lines.append(
+            ','.join((f'"{what.strip()}"', *('' if cell == NONE else cell for cell in cells)))
+        )
     return '\n'.join(lines) + '\n'
 
 
@@ -127,18 +130,17 @@ def _page(comparison: Comparison, picture: bytes, patches: bytes) -> str:
         verdict=html.escape(verdict(comparison)),
         picture=_data_url(picture),
         patches=_data_url(patches),
-        rows='\n'.join(
-            f'<tr><td>{html.escape(what)}</td><td class="n">{value}</td>'
-            f'<td class="n">{share}</td></tr>'
-            for what, value, share in rows(comparison)
-        ),
-        coverage='\n'.join(
-            f'<tr><td>{html.escape(what)}</td><td class="n">{share}</td></tr>'
-            for what, share in coverage_rows(comparison)
-        ),
+        heading=''.join(f'<th>{html.escape(name)}</th>' for name in HEADING),
+        rows='\n'.join(_html_row(row) for row in rows(comparison)),
         registration=html.escape(comparison.registration.text),
         notes=f'<h2>Notes</h2><ul>{notes}</ul>' if notes else '',
     )
+
+
+def _html_row(row: Row) -> str:
+    what, *cells = row
+    numbers = ''.join(f'<td class="n">{html.escape(cell)}</td>' for cell in cells)
+    return f'<tr><td>{html.escape(what)}</td>{numbers}</tr>'
 
 
 def _data_url(png: bytes) -> str:

@@ -3,71 +3,97 @@
 from __future__ import annotations
 
 from scan_compare.comparison import Comparison
+from scan_compare.statistics import Summary
 
-Row = tuple[str, str, str]
+Row = tuple[str, str, str, str, str, str, str]
+"""What; of the whole scan, in the dent, outside it; their unit; whole and dent in % of the largest
+measured displacement. A dash where there is no such number."""
 
-
-def _millimetres(value: float | None) -> str:
-    return '-' if value is None else f'{1e3 * value:.3f}'
-
-
-def _percent(value: float | None) -> str:
-    return '-' if value is None else f'{100.0 * value:.1f}'
+HEADING: Row = (
+    'statistic',
+    'whole scan',
+    'in the dent',
+    'outside it',
+    'unit',
+    '% of max. displacement',
+    'in the dent',
+)
+NONE = '-'
 
 
 def rows(comparison: Comparison) -> list[Row]:
-    """Return (what, millimetres, % of the measured maximum displacement) for each statistic."""
+    """Return every statistic of a comparison, and what the scan saw, as rows of words."""
     c = comparison
     largest = c.measured_max_displacement_m
 
-    def row(what: str, value: float | None) -> Row:
-        share = None if value is None or not largest else value / largest
-        return what, _millimetres(value), _percent(share)
+    def row(what: str, *values: float | None) -> Row:
+        whole, dent, outside = (*values, None, None)[:3]
+        lengths = [_shown(value, 1e3, 3) for value in (whole, dent, outside)]
+        shares = [
+            _shown(value / largest if largest and value is not None else None, 100.0, 1)
+            for value in (whole, dent)
+        ]
+        return what, lengths[0], lengths[1], lengths[2], 'mm', shares[0], shares[1]
 
-    area = c.area
-    result = [
-        row('mean error (unsigned, scan vertices)', c.vertex.mean_m),
+    vertex, area = (c.vertex, c.dent, c.outside), (c.area, c.dent_area, c.outside_area)
+
+    def of(summaries: tuple[Summary | None, ...], name: str) -> list[float | None]:
+        return [None if one is None else getattr(one, name) for one in summaries]
+
+    result = [row('mean error (unsigned, scan vertices)', *of(vertex, 'mean_m'))]
+    result += [
         row('  standard deviation of that mean', c.mean_error_sigma_m),
         row('  without the scanner noise', c.mean_error_noise_free_m),
-        row('rms error', c.vertex.rms_m),
-        row('median error', c.vertex.median_m),
-        row('95 % of errors below', c.vertex.p95_m),
-        row(f'max error (mean over {1e3 * c.local.radius_m:.1f} mm discs)', c.max_error_m),
-        row('max error (single point)', c.vertex.max_m),
-        row('signed mean error', c.vertex.signed_mean_m),
-        row('mean error, area-weighted', None if area is None else area.mean_m),
-        row('rms error, area-weighted', None if area is None else area.rms_m),
-        row('95 %, area-weighted', None if area is None else area.p95_m),
-        row('mean error in the dent', None if c.dent is None else c.dent.mean_m),
-        row('rms error in the dent', None if c.dent is None else c.dent.rms_m),
-        row('mean error outside the dent', c.undeformed_residual_m),
+        row('mean error, area-weighted', *of(area, 'mean_m')),
+    ]
+    for what, name in (
+        ('rms error', 'rms_m'),
+        ('median error', 'median_m'),
+        ('95 % of errors below', 'p95_m'),
+    ):
+        result.append(row(what, *of(vertex, name)))
+        result.append(row(f'{what}, area-weighted', *of(area, name)))
+    result += [
+        row(
+            f'max error (mean over {1e3 * c.local.radius_m:.1f} mm discs)',
+            *(c.max_error_m, c.dent_max_error_m, c.outside_max_error_m),
+        ),
+        row('max error (single point)', *of(vertex, 'max_m')),
+        row('signed mean error', *of(vertex, 'signed_mean_m')),
         row('mean distance model to scan', c.model_to_scan.mean_m if c.model_to_scan else None),
         row('noise floor (stated scanner)', c.noise_floor_m),
         row('max displacement, model', c.surface.max_displacement),
         row('max displacement, measured', largest),
     ]
+    counts = [NONE if one is None else str(one.count) for one in vertex]
+    seen = [_shown(share, 100.0, 1) for share in (c.coverage.patch, c.coverage.dent)]
+    near = _shown(c.coverage.contact, 100.0, 1)
+    result += [
+        ('scan points', counts[0], counts[1], counts[2], 'points', NONE, NONE),
+        ('coverage: of the patch, of the dent', seen[0], seen[1], NONE, '%', NONE, NONE),
+        ('coverage: within 5 mm of a contact', near, NONE, NONE, '%', NONE, NONE),
+    ]
     return result
 
 
-def coverage_rows(comparison: Comparison) -> list[tuple[str, str]]:
-    """Return what share of patch, dent and contact neighbourhood the scan saw, in %."""
-    seen = comparison.coverage
-    return [
-        ('patch seen', _percent(seen.patch)),
-        ('dent seen', _percent(seen.dent)),
-        ('within 5 mm of a contact seen', _percent(seen.contact)),
-    ]
+def _shown(value: float | None, factor: float, digits: int) -> str:
+    return NONE if value is None else f'{factor * value:.{digits}f}'
 
 
 def text_table(comparison: Comparison) -> str:
     """Return the statistics as plain text for a terminal."""
-    lines = [f'{"":42s} {"mm":>8s} {"% max":>7s}']
-    lines += [f'{what:42s} {value:>8s} {share:>7s}' for what, value, share in rows(comparison)]
-    lines += [f'{what:42s} {share:>16s}' for what, share in coverage_rows(comparison)]
+    lines = [_line(('', *HEADING[1:5], '% max', 'dent'))]
+    lines += [_line(row) for row in rows(comparison)]
     lines += [f'registration: {comparison.registration.text}']
     lines += [f'note: {note}' for note in comparison.notes]
     lines += [verdict(comparison)]
     return '\n'.join(lines)
+
+
+def _line(row: Row) -> str:
+    what, *lengths, unit, share, dent_share = row
+    columns = ''.join(f' {cell:>11s}' for cell in lengths)
+    return f'{what:40s}{columns} {unit:6s} {share:>6s} {dent_share:>6s}'
 
 
 def verdict(comparison: Comparison) -> str:

@@ -34,7 +34,13 @@ if not HAVE_NUMBA:  # pragma: no cover - numba is there in every locked environm
     )
 
 
-KERNEL_SOURCES = ('**/*kernel*.py', 'solve/multifrontal*.py', 'solve/nested_dissection.py')
+# The plain closest-point search holds the limits of both.
+KERNEL_SOURCES = (
+    '**/*kernel*.py',
+    'solve/multifrontal*.py',
+    'solve/nested_dissection.py',
+    'surface/closest_point_plain.py',
+)
 
 
 def _revision() -> str:

@@ -9,8 +9,9 @@ is the same on both sides of an edge, wherever a step makes no progress.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -25,9 +26,14 @@ from .loop_basis import basis_rows
 from .patch import Patch
 from .patch_table import PatchTable, patch_table
 
+Project = Callable[..., 'Feet']
+
 MAXIMUM_THREADS = 4
 SAMPLE_DIVISIONS = 3
 FEW_POINTS = 1000
+DOUBTFUL_AT_ONCE = 20000
+# Queries farther away than this share of all are searched for again without asking.
+USUAL_SHARE = 0.99
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,22 @@ class ClosestPoints:
     on_boundary: BoolArray
 
 
+@dataclass(frozen=True)
+class Feet:
+    """What one search from given starts finds: as `ClosestPoints`, without offset.
+
+    Attributes:
+        sure: (q,) False where another foot nearby may be nearer.
+    """
+
+    triangle: IntArray
+    parameters: FloatArray
+    position: FloatArray
+    normal: FloatArray
+    on_boundary: BoolArray
+    sure: BoolArray
+
+
 @dataclass(frozen=True, eq=False)
 class ProjectionTables:
     """What the kernel needs to know about a mesh, as flat arrays.
@@ -61,6 +83,7 @@ class ProjectionTables:
         patch, node_offsets, nodes: patch number and control points of each triangle.
         neighbour: (3m,) half-edge on the other side of each half-edge, or -1 where the active
             surface ends.
+        smooth: (m,) whether a triangle is away from creases and boundaries.
         sizes: (c,) control points of each patch.
         halvings: (c,) how often to split each patch towards an irregular corner.
         child: (c, 4) patch numbers of the children, -1 for regular patches.
@@ -77,6 +100,7 @@ class ProjectionTables:
     node_offsets: IntArray
     nodes: IntArray
     neighbour: IntArray
+    smooth: BoolArray
     sizes: IntArray
     halvings: IntArray
     child: IntArray
@@ -115,6 +139,7 @@ def projection_tables(mesh: ControlMesh) -> ProjectionTables:
     shape = (len(triangle), mesh.vertex_count)
     return ProjectionTables(
         mesh, table.patch, table.node_offsets, table.nodes.astype(np.int64), neighbour,
+        np.all(mesh.sharp_valence[mesh.triangles] == 0, axis=1),
         np.array([patch.size for patch in patches], dtype=np.int64),
         np.array([patch.halvings for patch in patches], dtype=np.int64), child, child_offset,
         polynomial_offset, np.concatenate(blocks), triangle, parameters,
@@ -144,17 +169,114 @@ def closest_points(
         bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
         raise ValueError(f'query {bad} is not finite: {points[bad]}')
     count = threads if threads is not None else min(MAXIMUM_THREADS, os.cpu_count() or 1)
-    triangle, parameters = _seeds(tables, control_points, points, seeds, count)
     project = _project_compiled if HAVE_NUMBA else _project_plain
-    position, normal, on_boundary = project(
-        tables, control_points, points, triangle, parameters, count
-    )
-    position += offset * normal
+    if seeds is not None:
+        start = (
+            np.array(seeds[0], dtype=np.int64),
+            np.array(seeds[1], dtype=np.float64).reshape(-1, 2),
+        )
+        found = project(tables, control_points, points, *start, count)
+    else:
+        tree = cKDTree(tables.samples @ control_points)
+        _, nearest = tree.query(points, workers=count)
+        found = project(tables, control_points, points, *_places(tables, nearest), count)
+        doubtful = _doubtful(tables, control_points, points, found, nearest, tree, count, project)
+        _search_again(tables, control_points, points, found, doubtful, tree, count, project)
+    position = found.position + offset * found.normal
     away = points - position
-    along = np.einsum('ij,ij->i', away, normal)
+    along = np.einsum('ij,ij->i', away, found.normal)
     beside = np.copysign(np.linalg.norm(away, axis=1), along)
-    distance = np.where(on_boundary, beside, along)
-    return ClosestPoints(triangle, parameters, position, normal, distance, on_boundary)
+    distance = np.where(found.on_boundary, beside, along)
+    return ClosestPoints(
+        found.triangle, found.parameters, position, found.normal, distance, found.on_boundary
+    )
+
+
+def _places(tables: ProjectionTables, samples: IntArray) -> tuple[IntArray, FloatArray]:
+    return tables.sample_triangle[samples], tables.sample_parameters[samples]
+
+
+def _doubtful(
+    tables: ProjectionTables,
+    control_points: FloatArray,
+    points: FloatArray,
+    found: Feet,
+    nearest: IntArray,
+    tree: cKDTree,
+    threads: int,
+    project: Project,
+) -> IntArray:
+    """Queries whose foot may not be the nearest.
+
+    Sure is a foot away from creases and ends, beneath which the squared distance bends enough,
+    and whose part of the surface stands alone: a ball of twice the distance laid against the
+    sample there, on either side, contains no other sample. With few queries a second search is
+    cheaper than this question.
+    """
+    samples = np.asarray(tree.data)
+    if len(points) < len(samples):
+        return np.arange(len(points))
+    away = np.linalg.norm(found.position - points, axis=1)
+    far = float(np.quantile(away, USUAL_SHARE))
+    places = project(
+        tables, control_points, samples, *_places(tables, np.arange(len(samples))), threads
+    )
+    alone = np.ones(len(samples), dtype=bool)
+    for side in (2.0 * far, -2.0 * far):
+        gap, _ = tree.query(samples + side * places.normal, workers=threads)
+        alone &= gap >= (1.0 - 1e-9) * abs(side)
+    wandered = np.linalg.norm(found.position - samples[nearest], axis=1)
+    sure = found.sure & tables.smooth[found.triangle] & alone[nearest] & (away <= far)
+    return np.flatnonzero(~sure | (wandered > 2.0 * _cell_size(tables, control_points)))
+
+
+def _search_again(
+    tables: ProjectionTables,
+    control_points: FloatArray,
+    points: FloatArray,
+    found: Feet,
+    doubtful: IntArray,
+    tree: cKDTree,
+    threads: int,
+    project: Project,
+) -> None:
+    """Look for nearer feet of the `doubtful` queries, in place.
+
+    A foot no farther than the one found has a sample beside it within the size of a cell, so a
+    search starts in every triangle with a sample that near, from the nearest of its samples.
+    """
+    cell = _cell_size(tables, control_points)
+    samples = np.asarray(tree.data)
+    for part in np.array_split(doubtful, 1 + len(doubtful) // DOUBTFUL_AT_ONCE):
+        here = points[part]
+        reach = np.linalg.norm(found.position[part] - here, axis=1)
+        lists = tree.query_ball_point(here, reach + cell, workers=threads)
+        of = np.repeat(np.arange(len(part)), [len(some) for some in lists])
+        if not len(of):
+            continue
+        start = np.concatenate([some for some in lists if some]).astype(np.int64)
+        gap = np.sum((samples[start] - here[of]) ** 2, axis=1)
+        order = np.lexsort((gap, tables.sample_triangle[start], of))
+        of, start = of[order], start[order]
+        triangle = tables.sample_triangle[start]
+        first = np.ones(len(of), dtype=bool)
+        first[1:] = (of[1:] != of[:-1]) | (triangle[1:] != triangle[:-1])
+        of, start = of[first], start[first]
+        again = project(tables, control_points, here[of], *_places(tables, start), threads)
+        trial = np.linalg.norm(again.position - here[of], axis=1)
+        order = np.lexsort((trial, of))
+        best = order[np.unique(of, return_index=True)[1]]
+        best = best[trial[best] < reach[of[best]]]
+        for item in fields(Feet):
+            getattr(found, item.name)[part[of[best]]] = getattr(again, item.name)[best]
+
+
+def _cell_size(tables: ProjectionTables, control_points: FloatArray) -> float:
+    """How far any point of the surface is from a sample, at most [m]: a centre of a cell."""
+    corners = control_points[tables.mesh.triangles[tables.mesh.active]]
+    edges = corners - np.roll(corners, 1, axis=1)
+    longest = float(np.sqrt(np.max(np.sum(edges**2, axis=2))))
+    return longest / (np.sqrt(3.0) * SAMPLE_DIVISIONS)
 
 
 def _project_plain(
@@ -164,9 +286,13 @@ def _project_plain(
     triangle: IntArray,
     parameters: FloatArray,
     threads: int,
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    return closest_point_plain.project_points(
-        tables.mesh, tables.neighbour, control_points, points, triangle, parameters
+) -> Feet:
+    return Feet(
+        triangle,
+        parameters,
+        *closest_point_plain.project_points(
+            tables.mesh, tables.neighbour, control_points, points, triangle, parameters
+        ),
     )
 
 
@@ -177,19 +303,19 @@ def _project_compiled(
     triangle: IntArray,
     parameters: FloatArray,
     threads: int,
-) -> tuple[FloatArray, FloatArray, BoolArray]:
+) -> Feet:
     from .closest_point_kernel import project_points
 
     position, normal = np.empty_like(points), np.empty_like(points)
-    on_boundary = np.zeros(len(points), dtype=np.bool_)
+    on_boundary, sure = np.zeros((2, len(points)), dtype=np.bool_)
     polynomials = _polynomials(tables, control_points)
 
     def work(part: slice) -> None:
         project_points(
             points[part], triangle[part], parameters[part], position[part], normal[part],
-            on_boundary[part], control_points, polynomials, tables.patch, tables.node_offsets,
-            tables.nodes, tables.neighbour, tables.sizes, tables.halvings, tables.child,
-            tables.child_offset, tables.polynomial_offset, tables.matrices,
+            on_boundary[part], sure[part], control_points, polynomials, tables.patch,
+            tables.node_offsets, tables.nodes, tables.neighbour, tables.sizes, tables.halvings,
+            tables.child, tables.child_offset, tables.polynomial_offset, tables.matrices,
         )  # fmt: skip
 
     if threads == 1 or len(points) < FEW_POINTS:
@@ -199,24 +325,7 @@ def _project_compiled(
         parts = [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(work, parts))
-    return position, normal, on_boundary
-
-
-def _seeds(
-    tables: ProjectionTables,
-    control_points: FloatArray,
-    points: FloatArray,
-    seeds: tuple[npt.ArrayLike, npt.ArrayLike] | None,
-    threads: int,
-) -> tuple[IntArray, FloatArray]:
-    if seeds is not None:
-        return (
-            np.array(seeds[0], dtype=np.int64),
-            np.array(seeds[1], dtype=np.float64).reshape(-1, 2),
-        )
-    tree = cKDTree(tables.samples @ control_points)
-    _, nearest = tree.query(points, workers=threads)
-    return tables.sample_triangle[nearest], tables.sample_parameters[nearest]
+    return Feet(triangle, parameters, position, normal, on_boundary, sure)
 
 
 def _polynomials(tables: ProjectionTables, control_points: FloatArray) -> FloatArray:

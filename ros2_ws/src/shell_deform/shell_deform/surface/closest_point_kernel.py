@@ -6,13 +6,19 @@ import numpy as np
 import numpy.typing as npt
 
 from ..compiled import compiled
+from .closest_point_plain import (
+    HALVINGS,
+    LEAST_BEND,
+    MAXIMUM_STEPS,
+    ON_EDGE,
+    ROUND_OFF_STEP,
+    STEP_TOLERANCE,
+    SURE_BEND,
+)
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
-
-MAXIMUM_STEPS = 60
-STEP_TOLERANCE = 1e-10
 
 
 @compiled
@@ -171,6 +177,7 @@ def project_points(
     position: FloatArray,
     normal: FloatArray,
     on_boundary: BoolArray,
+    sure: BoolArray,
     control_points: FloatArray,
     polynomials: FloatArray,
     patch: IntArray,
@@ -186,7 +193,8 @@ def project_points(
 ) -> None:
     """Move each seed (triangle, parameters), in place, to the foot point of its query.
 
-    Also fills position (q, 3), normal (q, 3) and on_boundary (q,).
+    Also fills position (q, 3), normal (q, 3), on_boundary (q,), and sure (q,): False where
+    another foot nearby may be nearer.
     """
     largest = max(15, sizes.max())
     x, y = np.empty((largest, 3)), np.empty((largest, 3))
@@ -200,6 +208,9 @@ def project_points(
         )  # fmt: skip
         at_end = False
         stuck = False
+        converged = False
+        came_from = -1
+        squared, area, bend = 0.0, 0.0, 0.0
         for _ in range(MAXIMUM_STEPS):
             squared, gu, gv = 0.0, 0.0, 0.0
             guu, guv, gvv, huu, huv, hvv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -215,29 +226,45 @@ def project_points(
                 huv += r[k] * here[4, k]
                 hvv += r[k] * here[5, k]
             huu, huv, hvv = guu + huu, guv + huv, gvv + hvv
-            determinant = huu * hvv - huv * huv
-            if stuck or huu <= 0.0 or determinant <= 0.01 * (guu * gvv - guv * guv):
-                huu, huv, hvv = guu, guv, gvv
-                determinant = guu * gvv - guv * guv
+            area = guu * gvv - guv * guv
+            # Bends of the squared distance along the surface, over those of a plane's.
+            mean = 0.5 * (gvv * huu - 2.0 * guv * huv + guu * hvv) / area
+            bend = mean - np.sqrt(max(0.0, mean * mean - (huu * hvv - huv * huv) / area))
+            if stuck:
+                muu, muv, mvv = guu, guv, gvv
+            else:
+                lift = max(abs(bend), LEAST_BEND) - bend
+                muu, muv, mvv = huu + lift * guu, huv + lift * guv, hvv + lift * gvv
+            determinant = muu * mvv - muv * muv
             at_end = False
-            du = -(hvv * gu - huv * gv) / determinant
-            dv = -(huu * gv - huv * gu) / determinant
+            du = -(mvv * gu - muv * gv) / determinant
+            dv = -(muu * gv - muv * gu) / determinant
             share, edge = leave_share(u, v, du, dv)
-            if edge >= 0 and share < 1e-12 and neighbour[3 * t + edge] < 0:
-                # On the edge of the surface and pushed outward: slide along that edge.
-                at_end = True
-                eu, ev = (1.0, 0.0) if edge == 0 else ((-1.0, 1.0) if edge == 1 else (0.0, -1.0))
-                slope = gu * eu + gv * ev
-                bend = huu * eu * eu + 2.0 * huv * eu * ev + hvv * ev * ev
-                du, dv = -slope / bend * eu, -slope / bend * ev
-                share, edge = leave_share(u, v, du, dv)
-                if edge >= 0 and share < 1e-12 and neighbour[3 * t + edge] < 0:
-                    break
+            if edge >= 0 and share < ON_EDGE:
+                twin = neighbour[3 * t + edge]
+                if twin < 0 or twin // 3 == came_from:
+                    # Pushed outward on the edge of the surface, or from both sides onto an edge
+                    # inside it: slide along that edge.
+                    at_end = twin < 0
+                    eu, ev = (
+                        (1.0, 0.0) if edge == 0 else ((-1.0, 1.0) if edge == 1 else (0.0, -1.0))
+                    )
+                    slope = gu * eu + gv * ev
+                    plain = guu * eu * eu + 2.0 * guv * eu * ev + gvv * ev * ev
+                    along = huu * eu * eu + 2.0 * huv * eu * ev + hvv * ev * ev
+                    along = max(abs(along), LEAST_BEND * plain)
+                    du, dv = -slope / along * eu, -slope / along * ev
+                    share, edge = leave_share(u, v, du, dv)
+                    if edge >= 0 and share < ON_EDGE and neighbour[3 * t + edge] < 0:
+                        at_end, converged = True, True
+                        break
             if du * du + dv * dv < STEP_TOLERANCE * STEP_TOLERANCE:
+                converged = True
                 break
-            if edge >= 0 and share < 1e-12:
+            if edge >= 0 and share < ON_EDGE:
                 twin = neighbour[3 * t + edge]
                 back = v if edge == 2 else (1.0 - u if edge == 0 else 1.0 - v)
+                came_from = t
                 t, corner = twin // 3, twin % 3
                 if corner == 0:
                     u, v = back, 0.0
@@ -253,7 +280,7 @@ def project_points(
                 continue
             taken = share
             accepted = False
-            for _halving in range(12):
+            for _halving in range(HALVINGS):
                 nu, nv = u + taken * du, v + taken * dv
                 if taken == share and edge == 0:
                     nv = 0.0
@@ -275,19 +302,23 @@ def project_points(
                 taken *= 0.5
             if not accepted:
                 if stuck:
+                    converged = du * du + dv * dv < ROUND_OFF_STEP * ROUND_OFF_STEP
                     break
                 stuck = True
                 continue
             stuck = False
+            came_from = -1
             small = (nu - u) ** 2 + (nv - v) ** 2 < STEP_TOLERANCE * STEP_TOLERANCE
             u, v = nu, nv
             for i in range(6):
                 for k in range(3):
                     here[i, k] = there[i, k]
             if small and edge < 0:
+                converged = True
                 break
         triangle[q], parameters[q, 0], parameters[q, 1] = t, u, v
         on_boundary[q] = at_end
+        sure[q] = converged and not at_end and bend > SURE_BEND
         a = here[1, 1] * here[2, 2] - here[1, 2] * here[2, 1]
         b = here[1, 2] * here[2, 0] - here[1, 0] * here[2, 2]
         c = here[1, 0] * here[2, 1] - here[1, 1] * here[2, 0]

@@ -17,7 +17,13 @@ BoolArray = npt.NDArray[np.bool_]
 MAXIMUM_STEPS = 60
 HALVINGS = 12
 STEP_TOLERANCE = 1e-10
+# A refused step below this is round-off of the distance, not a search that failed.
+ROUND_OFF_STEP = 1e-5
 ON_EDGE = 1e-12
+# Newton's method takes bends of the squared distance to be at least this, a plane's being 1.
+LEAST_BEND = 1e-4
+# With less bend than this, another foot nearby may be nearer.
+SURE_BEND = 0.5
 
 _ALONG = np.array([[1.0, 0.0], [-1.0, 1.0], [0.0, -1.0]])
 _START = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
@@ -30,17 +36,18 @@ def project_points(
     queries: FloatArray,
     triangle: IntArray,
     parameters: FloatArray,
-) -> tuple[FloatArray, FloatArray, BoolArray]:
+) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
     """Move each seed (triangle, parameters), in place, to the foot point of its query.
 
     Args:
         neighbour: (3m,) half-edge on the other side of each half-edge, -1 at the surface's end.
 
     Returns:
-        Position (q, 3), unit normal (q, 3), and whether the foot lies on the surface's end (q,).
+        Position (q, 3), unit normal (q, 3), whether the foot lies on the surface's end (q,), and
+        whether no other foot nearby can be nearer (q,).
     """
-    at_end = np.zeros(len(queries), dtype=bool)
-    stuck = np.zeros(len(queries), dtype=bool)
+    at_end, stuck, sure, alone = np.zeros((4, len(queries)), dtype=bool)
+    came_from = np.full(len(queries), -1)
     busy = np.arange(len(queries))
     for _ in range(MAXIMUM_STEPS):
         if len(busy) == 0:
@@ -48,41 +55,56 @@ def project_points(
         t, uv, here = triangle[busy], parameters[busy], queries[busy]
         position, first, second = _evaluate(mesh, control_points, t, uv)
         gap = position - here
-        gradient, hessian = _model(gap, first, second, stuck[busy])
-        step: FloatArray = -np.linalg.solve(hessian, gradient[:, :, None])[:, :, 0].astype(float)
+        squared = (gap**2).sum(axis=1)
+        gradient, metric, hessian, bend = _model(gap, first, second)
+        alone[busy] = bend > SURE_BEND
+        lift = np.maximum(np.abs(bend), LEAST_BEND) - bend
+        lifted = np.where(stuck[busy, None, None], metric, hessian + lift[:, None, None] * metric)
+        step: FloatArray = -np.linalg.solve(lifted, gradient[:, :, None])[:, :, 0].astype(float)
         share, edge = _leave_share(uv, step)
         pinned = (edge >= 0) & (share < ON_EDGE)
-        outward = pinned & (neighbour[3 * t + np.maximum(edge, 0)] < 0)
-        at_end[busy] = outward
-        # On the end of the surface and pushed outward: slide along that edge.
+        twin = np.where(pinned, neighbour[3 * t + np.maximum(edge, 0)], 0)
+        at_end[busy] = pinned & (twin < 0)
+        # Pushed outward on the edge of the surface, or from both sides onto an edge inside it:
+        # slide along that edge.
+        slides = pinned & ((twin < 0) | (twin // 3 == came_from[busy]))
         along = _ALONG[edge]
         slope = np.einsum('pi,pi->p', gradient, along)
-        bend = np.einsum('pi,pij,pj->p', along, hessian, along)
-        step = np.where(outward[:, None], -(slope / bend)[:, None] * along, step)
+        plain = np.einsum('pi,pij,pj->p', along, metric, along)
+        bent = np.einsum('pi,pij,pj->p', along, hessian, along)
+        bent = np.maximum(np.abs(bent), LEAST_BEND * plain)
+        step = np.where(slides[:, None], -(slope / bent)[:, None] * along, step)
         again, other_edge = _leave_share(uv, step)
-        share, edge = np.where(outward, again, share), np.where(outward, other_edge, edge)
+        share, edge = np.where(slides, again, share), np.where(slides, other_edge, edge)
         pinned = (edge >= 0) & (share < ON_EDGE)
-        done = pinned & (neighbour[3 * t + np.maximum(edge, 0)] < 0)
-        done |= (step**2).sum(axis=1) < STEP_TOLERANCE**2
+        cornered = pinned & (neighbour[3 * t + np.maximum(edge, 0)] < 0)
+        at_end[busy] |= cornered
+        done = cornered | ((step**2).sum(axis=1) < STEP_TOLERANCE**2)
         crossing = pinned & ~done
+        came_from[busy[crossing]] = triangle[busy[crossing]]
         _cross(neighbour, triangle, parameters, busy[crossing], edge[crossing])
-        stuck[busy[crossing]] = True
         going = ~done & ~crossing
         moved, small = _take(
             mesh, control_points, queries, triangle, parameters, busy[going], step[going],
-            share[going], edge[going], (gap[going] ** 2).sum(axis=1),
+            share[going], edge[going], squared[going],
         )  # fmt: skip
         index = busy[going]
         hopeless = ~moved & stuck[index]
-        stuck[index] = ~moved
         finished = hopeless | (moved & small & (edge[going] < 0))
+        round_off = (step[going] ** 2).sum(axis=1) < ROUND_OFF_STEP**2
+        sure[busy[done]] = True
+        sure[index[finished & (moved | round_off)]] = True
+        stuck[busy[crossing]] = True
+        stuck[index] = ~moved
+        came_from[index[moved]] = -1
         keep = np.ones(len(busy), dtype=bool)
         keep[done] = False
         keep[np.flatnonzero(going)[finished]] = False
         busy = busy[keep]
     position, first, _ = _evaluate(mesh, control_points, triangle, parameters)
     normal = np.cross(first[:, :, 0], first[:, :, 1])
-    return position, normal / np.linalg.norm(normal, axis=1, keepdims=True), at_end
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return position, normal, at_end, sure & alone & ~at_end
 
 
 def _evaluate(
@@ -99,15 +121,19 @@ def _evaluate(
 
 
 def _model(
-    gap: FloatArray, first: FloatArray, second: FloatArray, careful: BoolArray
-) -> tuple[FloatArray, FloatArray]:
-    """Gradient and positive definite second derivative of half the squared distance."""
+    gap: FloatArray, first: FloatArray, second: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Half the squared distance: gradient, metric, second derivative and its least bend.
+
+    A bend is the second derivative along the surface over that of a plane's, which is the metric.
+    """
     gradient = np.einsum('pi,pia->pa', gap, first)
     metric = np.einsum('pia,pib->pab', first, first)
-    bend = np.einsum('pi,pik->pk', gap, second)[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
-    newton = metric + bend
-    weak = (newton[:, 0, 0] <= 0.0) | (np.linalg.det(newton) <= 0.01 * np.linalg.det(metric))
-    return gradient, np.where((careful | weak)[:, None, None], metric, newton)
+    hessian = metric + np.einsum('pi,pik->pk', gap, second)[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    relative = np.linalg.solve(metric, hessian)
+    mean = 0.5 * np.trace(relative, axis1=1, axis2=2)
+    spread = np.sqrt(np.maximum(0.0, mean**2 - np.linalg.det(relative)))
+    return gradient, metric, hessian, mean - spread
 
 
 def _leave_share(uv: FloatArray, step: FloatArray) -> tuple[FloatArray, IntArray]:

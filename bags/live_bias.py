@@ -1,0 +1,172 @@
+"""The served surface against the solids: `python -m bags.live_bias [RECORDING ...]`.
+
+Contacts and object poses of the recordings go through tick and background solver as in the node,
+at its default parameters. At every held scan the served surface, moved out to the outer face, is
+compared with the solid's face along its normals: as served in the frame of the hand, and after
+the best rigid motion, which leaves the shape. What is left is the bias of the shell model
+together with the errors of the hand (pins, tendons, gauges): what `sigma` has to cover.
+
+The recording with a slip is left out, since its truth does not say where the pins hold, and the
+fast squeeze, which is not scanned while it is held.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from bags.experiments import EXPERIMENTS
+from bags.surfaces import Surface
+from grasp_replay.experiment import read_experiment
+from grasp_replay.recording import read_recording
+from shell_deform.building import build_model
+from shell_deform.live.pose import pose_of
+from shell_deform.live.rehearsal import Rehearsal
+from shell_deform.objects import load_object
+from shell_deform.parameters import PARAMETERS, settings
+
+Array = NDArray[np.float64]
+
+BAGS = Path(__file__).parent
+SLIPS = 'regrasp_sliding'
+UNSCANNED = 'fast_squeeze_release'
+SAMPLES_PER_REFRESH = 10
+NINETY = 1.645
+DENT = 0.1
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Served minus solid at one held scan.
+
+    Attributes:
+        force: of the solid per contact [N]. depth: of the solid under the pin, mid-wall [m].
+        depth_error: served minus solid depth, mean of the contacts [m].
+        served, shape: (n,) along the outward normals, as served and after the best rigid motion
+            [m]. sigma: (n,) as served [m]. dent: (n,) vertices in the dents.
+    """
+
+    force: float
+    depth: float
+    depth_error: float
+    served: Array
+    shape: Array
+    sigma: Array
+    dent: NDArray[np.bool_]
+
+
+def along_normals(points: Array, face: Surface) -> tuple[Array, Array]:
+    """Signed distance of points (n, 3) outside a finely meshed face, and its normals there."""
+    _, nearest = cKDTree(face.vertices).query(points)
+    normal = face.normals[nearest]
+    return np.einsum('ij,ij->i', points - face.vertices[nearest], normal), normal
+
+
+def without_rigid(points: Array, normal: Array, distance: Array) -> Array:
+    """What a small rigid motion of the points (n, 3) cannot take away of the distances (n,)."""
+    design = np.concatenate([normal, np.cross(points - points.mean(axis=0), normal)], axis=1)
+    return distance - design @ np.linalg.lstsq(design, distance, rcond=None)[0]
+
+
+def differences(name: str) -> list[Difference]:
+    """Play a recording through tick and solver; one difference per held scan."""
+    folder = BAGS / name
+    setting = EXPERIMENTS[name].setting()
+    truth = setting.truth
+    scans = yaml.safe_load((folder / 'truth.yaml').read_text())['scans']
+    rows = read_experiment(folder)
+    held = {scan.stamp: row for scan, row in zip(rows.scans, scans, strict=True) if scan.held}
+    recording = read_recording(folder)
+    shell = load_object(str(rows.object_file))
+    live = Rehearsal(build_model(shell), settings({one.name: one.default for one in PARAMETERS}))
+    active = np.unique(live.memory.triangles)
+    waiting = sorted(held)
+    found = []
+    for number, sample in enumerate(recording.samples):
+        if not waiting:
+            break
+        live.estimator.pose = recording.pose_at(sample.stamp)
+        served = live.tick(sample)
+        if number % SAMPLES_PER_REFRESH == 0:
+            live.refresh()
+        if sample.stamp < waiting[0]:
+            continue
+        row = held[waiting.pop(0)]
+        served = live.settle(sample)
+        adopted, pose = live.estimator.adopted, live.estimator.pose_in_use
+        assert adopted is not None
+        packed = served.packed[active].astype(float)
+        outward = adopted.slot.normals[active] @ pose.rotation.T
+        points = packed[:, :3] + 0.5 * shell.thickness_m * outward
+        place = pose_of(row['object_pose'])
+        turn = place.rotation @ setting.from_solution
+        face = truth.surface(row['force_n']).moved(turn, place.translation)
+        distance, normal = along_normals(points, face)
+        found.append(
+            Difference(
+                row['force_n'],
+                row['displacement_middle_m'],
+                float(np.mean(served.displacement)) - row['displacement_middle_m'],
+                distance,
+                without_rigid(points, normal, distance),
+                packed[:, 7],
+                packed[:, 6] > DENT * packed[:, 6].max(),
+            )
+        )
+    return found
+
+
+def shown(found: Difference) -> str:
+    """The figures of one held scan as cells of a table [N, mm, share]."""
+    millimetres = 1e3 * np.array(
+        [
+            found.depth,
+            found.depth_error,
+            found.served[found.dent].mean(),
+            np.sqrt(np.mean(found.served**2)),
+            np.abs(found.served).max(),
+            found.shape[found.dent].mean(),
+            np.sqrt(np.mean(found.shape**2)),
+            np.median(found.sigma),
+            found.sigma.max(),
+        ]
+    )
+    covered = np.abs(found.served) <= NINETY * found.sigma
+    return (
+        f'{found.force:.2f} | '
+        + ' | '.join(f'{value:.3f}' for value in millimetres)
+        + f' | {100 * covered.mean():.0f} / {100 * covered[found.dent].mean():.0f} %'
+    )
+
+
+def main() -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    names = [name for name in EXPERIMENTS if name not in (SLIPS, UNSCANNED)]
+    parser.add_argument('recording', nargs='*', default=names, help=f'of {", ".join(names)}')
+    wanted = parser.parse_args().recording
+    unknown = sorted(set(wanted) - set(names))
+    if unknown:
+        parser.error(f'no recording {", ".join(unknown)}; there are {", ".join(names)}')
+    print(
+        '| recording | push N | depth mm | served - solid depth | dent mean | RMS | largest | '
+        'shape: dent mean | RMS | sigma median | largest | in 90 % band: all / dent |\n'
+        '|---|' + 11 * '---:|'
+    )
+    covered = []
+    for name in wanted:
+        for one in differences(name):
+            print(f'| {name} | {shown(one)} |', flush=True)
+            covered.append(np.abs(one.served) <= NINETY * one.sigma)
+    print(f'\nin the 90 % band of sigma: {100 * np.concatenate(covered).mean():.1f} % of vertices')
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

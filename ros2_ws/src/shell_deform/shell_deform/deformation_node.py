@@ -348,6 +348,10 @@ def run(arguments: Sequence[str], ahead: WorkerProcess | None = None) -> int:
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except Exception:
+        # The executor complains when the signal came while it prepared to wait.
+        if rclpy.ok():
+            raise
     finally:
         executor.shutdown()
         node.close()

@@ -20,11 +20,15 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from shell_deform import parameters
+from shell_deform.building import build_model
 from shell_deform.force_curve import ForceCurve
 from shell_deform.objects import load_object
+from shell_deform.solve.equilibrium import displaced
+from shell_deform.solve.newton import EquilibriumSolver
 
 STEP = 10_000_000
 PATIENCE = 60.0
+OUTWARD = np.array([1.0, 0.0, 0.0])
 EXECUTABLE = str(Path(sys.executable).parent / 'deformation')
 CONFIGURATION = Path(__file__).parents[1] / 'config' / 'deformation.yaml'
 
@@ -208,6 +212,41 @@ def test_three_fingers_are_served_together(node, hand):
         return cloud[third, 6] > 1e-3
 
     hand.stream(three, dented)
+
+
+def test_a_fast_squeeze_is_served_within_its_own_sigma_and_settles_on_the_offline_answer(
+    node, hand
+):
+    ball = load_object('tennis_ball')
+    model = build_model(ball)
+    solver, state = EquilibriumSolver(model), None
+    pins = tuple(model.contact(x * OUTWARD, 1e-3) for x in (0.0325, -0.0325))
+    depths = np.linspace(0.0, 6e-3, 25)
+    forces, surfaces = [], []
+    for depth in depths:
+        state = solver.solve(displaced(pins, [depth, depth]), state)
+        assert state.converged
+        forces.append(state.force[0])
+        surfaces.append(model.surface.limit_positions(state.positions))
+
+    def squeeze(i):
+        at = min(i, len(depths) - 1)
+        return live_hand.opposed([forces[at]] * 2, [depths[at]] * 2, stamp=(2000 + i) * STEP)
+
+    def settles():
+        return len(hand.surfaces) > 100 and distance(hand.surfaces[-1], surfaces[-1]).max() < 2e-5
+
+    hand.stream(squeeze, settles)
+    for message in hand.surfaces:
+        at = (message.header.stamp.sec * 10**9 + message.header.stamp.nanosec) // STEP - 2000
+        served = live_hand.packed(message)
+        error = distance(message, surfaces[min(at, len(depths) - 1)])
+        assert np.all(error < 3.0 * served[:, 7] + 2e-5)
+
+
+def distance(message, surface):
+    """Distances (n,) [m] of the served vertices from those of an offline solution."""
+    return np.linalg.norm(live_hand.packed(message)[:, :3] - surface, axis=1)
 
 
 def test_a_sample_with_nan_is_a_fault_and_is_not_answered(node, hand):

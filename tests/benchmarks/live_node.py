@@ -343,6 +343,8 @@ def _draw(picture: Path, node: np.ndarray, echoed: np.ndarray) -> None:
         yscale='log',
     )
     axes.xaxis.set_major_formatter('{x:g}')
+    # Room for the legend above the bars.
+    axes.set_ylim(top=8.0 * axes.get_ylim()[1])
     axes.grid(alpha=0.3)
     axes.legend()
     figure.tight_layout()

@@ -32,8 +32,14 @@ def parse_rule(text: str) -> LockstepRule:
 class _Open:
     """A question on its way: its stamp (None if it has no header) and who has not answered."""
 
+    question: str
     stamp: int | None
     missing: set[str] = field(default_factory=set)
+
+    def clause(self) -> str:
+        """Who owes what answer."""
+        when = '' if self.stamp is None else f' of {self.stamp * 1e-9:.3f} s'
+        return f'nothing on {", ".join(sorted(self.missing))} for {self.question}{when}'
 
 
 class Lockstep:
@@ -41,12 +47,13 @@ class Lockstep:
 
     An answer counts when it carries the stamp of the question; where either has no header, any
     message counts. `ask` is called before sending, `wait` after, `answer` by any thread.
+    `unanswered` has a clause for each question whose time ran out.
     """
 
     def __init__(self, rules: list[LockstepRule], timeout: float) -> None:
         self.rules = {rule.question: rule for rule in rules}
         self.timeout = timeout
-        self.unanswered = 0
+        self.unanswered: list[str] = []
         self._open: _Open | None = None
         self._change = threading.Condition()
 
@@ -62,7 +69,7 @@ class Lockstep:
             self._open = (
                 None
                 if rule is None
-                else _Open(header_stamp(data) if stamped else None, set(rule.answers))
+                else _Open(topic, header_stamp(data) if stamped else None, set(rule.answers))
             )
 
     def answer(self, topic: str, data: bytes, stamped: bool) -> None:
@@ -82,7 +89,7 @@ class Lockstep:
             while self._open is not None and self._open.missing:
                 left = deadline - time.monotonic()
                 if left <= 0:
-                    self.unanswered += 1
+                    self.unanswered.append(self._open.clause())
                     break
                 self._change.wait(left)
             self._open = None

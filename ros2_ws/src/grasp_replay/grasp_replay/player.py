@@ -146,7 +146,7 @@ class Player:
         """Wait for acknowledgements and note what did not arrive."""
         self.unacknowledged = self.stage.senders.unacknowledged(self.options.acknowledge_seconds)
         if self.lockstep is not None:
-            self.tally.lost += self.lockstep.unanswered
+            self.tally.lost += len(self.lockstep.unanswered)
 
     def _show(self, show: Callable[[float, str], None], passed: int, total: int) -> None:
         now = time.monotonic()

@@ -152,8 +152,8 @@ def _play(player: Player, options: ReplayOptions) -> int:
     _summarise(player, options, stopped or not player.stage.alive())
     if player.lockstep is not None and player.lockstep.unanswered:
         raise BagError(
-            f'{player.lockstep.unanswered} messages were not answered within '
-            f'{options.lockstep_timeout:g} s each'
+            f'{len(player.lockstep.unanswered)} messages were not answered within '
+            f'{options.lockstep_timeout:g} s each; first: {player.lockstep.unanswered[0]}'
         )
     return 0
 

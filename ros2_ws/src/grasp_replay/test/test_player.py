@@ -220,11 +220,11 @@ def test_an_answer_with_another_stamp_is_none() -> None:
     lockstep.ask('/in', stamped(7), True)
     lockstep.answer('/out', stamped(6), True)
     lockstep.wait()
-    assert lockstep.unanswered == 1
+    assert lockstep.unanswered == ['nothing on /out for /in of 7.000 s']
     lockstep.ask('/in', stamped(7), True)
     lockstep.answer('/out', stamped(7), True)
     lockstep.wait()
-    assert lockstep.unanswered == 1
+    assert len(lockstep.unanswered) == 1
 
 
 def test_lockstep_rules_are_parsed_or_refused() -> None:

@@ -295,7 +295,7 @@ def test_lockstep_waits_for_each_answer(start: Any, observer: Observer, tmp_path
     assert questions == [float(index) for index in range(100)]
 
 
-def test_lockstep_without_answers_fails_with_their_number(
+def test_lockstep_without_answers_fails_with_their_number_and_the_first(
     start: Any, observer: Observer, tmp_path: Path
 ) -> None:
     bag = write_wrenches(tmp_path / 'bag', 3)
@@ -306,7 +306,8 @@ def test_lockstep_without_answers_fails_with_their_number(
     )
     observer.spin_until(lambda: replay.process.poll() is not None)
     assert replay.process.returncode == 1
-    assert '3 messages were not answered' in replay.text
+    assert '3 messages were not answered within 0.05 s each' in replay.text
+    assert 'first: nothing on /answer for /w of 0.000 s' in replay.text
 
 
 def test_a_bag_of_unknown_serialisation_is_refused(start: Any) -> None:

@@ -6,6 +6,7 @@ import pytest
 import rclpy
 import yaml
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
 from std_msgs.msg import Float64, String
@@ -111,3 +112,22 @@ def test_at_the_pace_of_the_recording_no_sample_is_lost_while_scans_cross(listen
     listener.spin_until(lambda: len(set(listener.answered)) >= 701, 20)
     listener.spin_until(lambda: len(listener.mean_errors) >= 2, 40)
     assert len(set(listener.answered)) == 701
+
+
+@pytest.mark.timeout(400)
+def test_a_player_that_is_not_ours_drives_the_same_nodes(listener, nodes):
+    """What `ros2 bag play` does: stored bytes on their topic, with its QoS, at their times."""
+    publisher = listener.node.create_publisher(PointCloud2, 'hand/contacts', 100)
+    listener.spin_until(lambda: publisher.get_subscription_count() >= 2, 20)
+    clock = listener.node.get_clock()
+    with Reader(BAG) as bag:
+        connections = [c for c in bag.connections if c.topic == '/hand/contacts']
+        start, begin, sent = bag.start_time, clock.now().nanoseconds, 0
+        for _, stamp, stored in bag.messages(connections, stop=start + 7_000_000_000):
+            listener.spin_until(
+                lambda due=begin + stamp - start: clock.now().nanoseconds >= due, 9
+            )
+            publisher.publish(bytes(stored))
+            sent += 1
+    listener.spin_until(lambda: len(set(listener.answered)) == sent, 20)
+    assert 1e-3 < max(listener.largest) < 11.5e-3

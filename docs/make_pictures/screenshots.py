@@ -131,7 +131,8 @@ def draw_what_if() -> Path:
         tab.goto(f'http://127.0.0.1:{port}')
         tab.wait_for_selector('.grasp-legend')
         _undisturbed(tab)
-        force = tab.locator('input[value="5"]:visible').first
+        beside = '//*[normalize-space(text())="Finger 1 (N)"]'
+        force = tab.locator(f'xpath={beside}/following::*[@type="text"]').first
         force.fill('15')
         force.press('Enter')
         deadline = time.monotonic() + 60

@@ -133,6 +133,17 @@ def test_a_steady_squeeze_is_served_as_the_nonlinear_equilibrium(node, hand):
     assert 'CONTACT' in hand.states
 
 
+def test_the_figures_of_the_benchmark_stand_in_the_diagnostics(node, hand):
+    hand.diagnostics.clear()
+    hand.stream(squeezed(1e-3, 5.0), lambda: 'tick p99 [ms]' in hand.diagnostics)
+    told = hand.diagnostics
+    for kind in ('tick', 'contacts in to surface out'):
+        assert 0.0 < float(told[f'{kind} median [ms]']) <= float(told[f'{kind} p99 [ms]'])
+    assert float(told['start to first surface [s]']) > 0.0
+    assert float(told['background refresh rate [Hz]']) > 0.0
+    assert 50.0 < float(told['memory of node and background [MB]']) < 2000.0
+
+
 def test_linear_and_nonlinear_answers_part_at_large_dents(node, hand):
     hand.stream(squeezed(6e-3, 18.0), settled(hand, 6e-3))
     hand.stream(squeezed(6e-3, 18.0), lambda: hand.numbers.get('linearity', 0.0) > 0.2)

@@ -13,7 +13,7 @@ from shell_deform.objects.shell_object import Contact, ShellObject, Sphere
 from shell_deform.pads import Pad, gap
 from shell_deform.solve.equilibrium import LoadCaseError, displaced, forced
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
-from shell_deform.solve.pad_contact import pad_field
+from shell_deform.solve.pad_contact import add_point_blocks, pad_field
 from shell_deform.solve.stability import snap_margin
 from shell_deform.verification import plates as verification_plates
 
@@ -96,27 +96,93 @@ def test_gap_is_a_distance_with_these_derivatives(curvature):
         assert smooth.mean() > 0.97
 
 
-@pytest.mark.parametrize('driven', [True, False])
-def test_tangent_of_a_pad_is_the_derivative_of_its_push(squeezed, driven):
+def push_of(pad, depth, points, multiplier, stiffness, wall, weights):
+    """Push of a pad on points (p, 3), of the distance's closed form; complex numbers pass through.
+
+    Second: the push along the axis [N].
+    """
+    away = points - pad.apex - depth * pad.axis
+    height = away @ pad.axis
+    across = away - height[:, None] * pad.axis
+    reach = np.sqrt(np.einsum('pi,pi->p', across, across))
+    outward = across / reach[:, None]
+    if pad.curvature:
+        ball = 1.0 / pad.curvature
+        far = np.sqrt(reach**2 + (height + ball) ** 2)
+        value, normal = far - ball, (across + (height + ball)[:, None] * pad.axis) / far[:, None]
+        face = reach.real <= pad.radius * pad.curvature * far.real
+        rim = height + ball - np.sqrt(ball**2 - pad.radius**2)
+    else:
+        value, normal = height, np.broadcast_to(pad.axis, points.shape)
+        face, rim = reach.real <= pad.radius, height
+    rim = np.where(rim.real > 0.0, rim, 0.0)
+    beside = reach - pad.radius
+    edge = np.sqrt(beside**2 + rim**2)
+    rounded = (beside[:, None] * outward + rim[:, None] * pad.axis) / edge[:, None]
+    value, normal = np.where(face, value, edge), np.where(face[:, None], normal, rounded)
+    pressure = multiplier - stiffness * (value - wall)
+    push = weights * np.where(pressure.real > 0.0, pressure, 0.0)
+    return push[:, None] * normal, push @ (normal @ pad.axis)
+
+
+@pytest.mark.parametrize('curvature', [0.0, 1.0 / 0.03])
+@pytest.mark.parametrize('radius', [25e-3, 4e-3])
+def test_tangent_of_a_pad_is_the_complex_step_of_its_push(squeezed, curvature, radius):
     model, contacts, solver = squeezed
     state = solver.solve(displaced(contacts, [2e-3, 2e-3]))
-    curved = replace(contacts[0].pad, curvature=1.0 / 0.05)
-    field = pad_field(model, {0: curved}, np.array([driven]))
-    depth, force = np.array([4e-3]), np.array([0.7])
-    direction = np.random.default_rng(1).normal(size=state.positions.shape)
-    step = 1e-10
-    here = field.press(state.positions, depth, force)
-    moved = [
-        field.press(state.positions + s * step * direction, here.depth, force).gradient
-        for s in (1.0, -1.0)
-    ]
-    by_difference = ((moved[0] - moved[1]) / (2 * step)).reshape(-1)
-    matrix = field.pressed(model.tangent(state.positions), here)
-    own = (matrix.stiffness - model.tangent(state.positions).stiffness) @ direction.reshape(-1)
-    if not driven:
-        rows, corner = here.rows[:, 0], here.corner[0]
-        own = own - rows * (rows @ direction.reshape(-1)) / corner
-    np.testing.assert_allclose(own, by_difference, atol=1e-5 * np.abs(by_difference).max())
+    pad = replace(contacts[0].pad, curvature=curvature, radius=radius)
+    forced_pad = pad_field(model, {0: pad}, np.array([False]))
+    random = np.random.default_rng(1)
+    field = replace(
+        forced_pad, multipliers=1e3 * random.uniform(size=(1, len(model.shell.weights)))
+    )
+    depth = np.array([3e-3])
+    here = field.press(state.positions, depth, np.array([0.7]))
+    direction = random.normal(size=state.positions.shape)
+
+    def push(along, sink):
+        points = field.matrix @ state.positions + 1e-30j * along * (field.matrix @ direction)
+        force, total = push_of(
+            pad, depth[0] + 1e-30j * sink, points, field.multipliers[0], field.stiffness,
+            0.5 * model.shell.thickness, model.shell.weights,
+        )  # fmt: skip
+        gradient = -(field.matrix.T @ force).reshape(-1)
+        return gradient.real, gradient.imag / 1e-30, total.real, total.imag / 1e-30
+
+    def close(ours, theirs):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9 * np.abs(theirs).max())
+
+    gradient, moved, force, pulled = push(1.0, 0.0)
+    close(here.gradient.reshape(-1), gradient)
+    close(here.force[0], force)
+    np.testing.assert_allclose(here.missing[0], 0.7 - force)
+    values = np.zeros(len(model.shell.pattern.indices))
+    add_point_blocks(model.shell, here.stiffness, values)
+    matrix = model.shell.pattern.matrix(values)
+    assert abs(matrix - matrix.T).max() < 1e-12 * abs(matrix).max()
+    close(matrix @ direction.reshape(-1), moved)
+    # The force is minus the derivative of the stored energy by the depth: one symmetric whole.
+    close(-here.rows[:, 0] @ direction.reshape(-1), -pulled)
+    _, sunk, _, stiffer = push(0.0, 1.0)
+    close(here.rows[:, 0], sunk)
+    close(here.corner[0], stiffer)
+
+
+@pytest.mark.parametrize('force', [0.4, 0.9, 2.0, 3.4])
+def test_forced_pads_need_no_more_than_thirty_factorisations_from_rest(squeezed, force):
+    _, contacts, solver = squeezed
+    state = solver.solve(forced(contacts, [force, force]))
+    assert state.converged and state.stable
+    np.testing.assert_allclose(state.force, force, rtol=1e-8)
+    assert state.factorisations <= 30
+
+
+def test_a_force_beyond_the_branch_ends_as_a_typed_result(squeezed):
+    _, contacts, solver = squeezed
+    state = solver.solve(forced(contacts, [1e3, 1e3]))
+    assert not state.converged
+    assert state.message and 0.0 < state.load_fraction < 1.0
+    assert np.isfinite(state.positions).all() and state.negative_modes is not None
 
 
 def test_curved_pads_dent_more_than_flat_ones(squeezed):

@@ -43,18 +43,21 @@ class NewtonOptions:
     Attributes:
         tolerance: residual force relative to the loads [-].
         factorisations: at most so many in one load step before it is halved.
+        pad_factorisations: the same with rigid pads, where finding who touches takes more.
         contraction: a residual shrinking less than this per iteration asks for a new stiffness.
         chord_residual: above this residual every iteration takes a new stiffness [-].
         smallest_step: give up below this share of the load case.
         largest_move: displacement change [in wall thicknesses] beyond which a step is halved.
         settled_move: displacement change [in wall thicknesses] below which an iteration has
             nothing left to correct but round-off.
-        stability: whether to count negative modes at the end.
+        stability: whether to count negative modes at the end; with rigid pads they always are,
+            since a flattened cap has more than one equilibrium.
         penetration: of rigid pads, in wall thicknesses.
     """
 
     tolerance: float = 1e-9
     factorisations: int = 9
+    pad_factorisations: int = 16
     contraction: float = 0.25
     chord_residual: float = 0.05
     smallest_step: float = 1.0 / 256.0
@@ -139,7 +142,9 @@ class EquilibriumSolver:
             factorisations=factorisations,
             load_fraction=fraction,
             unbalance=self._unbalance(edge, here),
-            negative_modes=self.negative_modes(edge, here) if self.options.stability else None,
+            negative_modes=self.negative_modes(edge, here)
+            if self.options.stability or edge.pads is not None
+            else None,
         )
 
     def _pressed_home(
@@ -270,16 +275,17 @@ class EquilibriumSolver:
         iterations = factorisations = 0
         message = 'Newton iterations did not converge'
         reference_move = options.largest_move * self._wall
-        pads, press = edge.pads, None
+        pads, press, pressed = edge.pads, None, None
+        most = options.factorisations if pads is None else options.pad_factorisations
         if pads is not None:
             press = pads.press(positions, pads.start(moved, here.displacement), force)
         while True:
             if system is None:
-                if factorisations == options.factorisations:
+                if factorisations == most:
                     break
                 tangent = model.tangent(positions, loads.target, free.reshape(-1, 3))
                 if pads is not None and press is not None:
-                    tangent = pads.pressed(tangent, press)
+                    tangent, pressed = pads.pressed(tangent, press), press
                 if not np.all(np.isfinite(tangent.gradient)):
                     message = 'the surface folded onto itself'
                     break
@@ -292,7 +298,10 @@ class EquilibriumSolver:
                     break
             lacking = (moved - edge.measure.T @ free)[edge.driven]
             below = np.concatenate([lacking, -edge.held.T @ free])
-            step, border = system.solve(fixed_push - gradient, below, refinements=1)
+            unbalanced = fixed_push - gradient
+            if press is not None and pressed is not None:
+                unbalanced -= pressed.eliminated(press)
+            step, border = system.solve(unbalanced, below, refinements=1)
             iterations += 1
             if not np.all(np.isfinite(step)):
                 message = 'the stiffness is singular'
@@ -304,8 +313,8 @@ class EquilibriumSolver:
             free = free + step
             positions = model.rest + free.reshape(-1, 3)
             energy, gradient = model.gradient(positions, loads.target, free.reshape(-1, 3))
-            if pads is not None and press is not None:
-                press = pads.press(positions, press.depth, force)
+            if pads is not None and press is not None and pressed is not None:
+                press = pads.press(positions, pressed.follow(press, step), force)
                 energy, gradient = energy + press.energy, gradient + press.gradient.reshape(-1)
             pushes = np.where(edge.driven, 0.0, force)
             pushes[edge.driven] = border[:unknown]
@@ -320,7 +329,8 @@ class EquilibriumSolver:
                 self._support_force(free.reshape(-1, 3), loads.target),
                 noise,
             )
-            residual = float(np.linalg.norm(loose)) / scale
+            missing = 0.0 if press is None else float(np.linalg.norm(press.missing))
+            residual = float(np.hypot(np.linalg.norm(loose), missing)) / scale
             settled = (
                 largest < options.settled_move * self._wall and residual < options.chord_residual
             )

@@ -40,8 +40,10 @@ class Press:
             of the load case, those that are no pads as they were given.
         pressure: (k, p) contact pressure at the quadrature points [Pa].
         stiffness: (p, 3, 3) its part per point [N/m], already weighted.
-        rows: (N, f), corner: (f,) how the depths of the f forced pads take part: eliminating
-            them from [[K, rows], [rows^T, corner]] gives the stiffness at given force.
+        rows: (N, f), corner: (f,) how the depths of the f forced pads that touch take part:
+            eliminating them from [[K, rows], [rows^T, corner]] gives the stiffness at given force.
+        touching: (f,) which contacts those are. missing: what the push of each contact lacks of
+            its prescribed force [N].
     """
 
     energy: float
@@ -52,6 +54,18 @@ class Press:
     stiffness: Array
     rows: Array
     corner: Array
+    touching: NDArray[np.int64]
+    missing: Array
+
+    def eliminated(self, now: Press) -> Array:
+        """(N,) nodal forces of `now.missing` when this tangent's depths are eliminated."""
+        return np.asarray(self.rows @ (now.missing[self.touching] / self.corner))
+
+    def follow(self, now: Press, step: Array) -> Array:
+        """Depths of all contacts after the control points moved by `step` (N,) from `now`."""
+        depth = now.depth.copy()
+        depth[self.touching] += (now.missing[self.touching] - self.rows.T @ step) / self.corner
+        return depth
 
 
 @dataclass(frozen=True)
@@ -83,7 +97,8 @@ class PadField:
     def press(self, positions: Array, depth: Array, force: Array) -> Press:
         """Pads on control positions (n, 3): driven ones at `depth` [m], others at `force` [N].
 
-        Both are given for all contacts; `depth` of a forced pad is where its search starts.
+        Both are given for all contacts. A forced pad is taken at `depth` as well, and tells what
+        its push lacks; only where it would not touch is it first moved until it carries its force.
         """
         points = self.matrix @ positions
         count = len(self.pads)
@@ -92,13 +107,15 @@ class PadField:
         forces, depths = np.array(force, dtype=float), np.array(depth, dtype=float)
         pressures = np.zeros((count, len(points)))
         stiffness = np.zeros((len(points), 3, 3))
-        rows, corner = [], []
+        rows, corner, touching, missing = [], [], [], np.zeros_like(depths)
         for k, pad in enumerate(self.pads):
             c = self.contacts[k]
-            if not self.driven[k]:
-                depths[c] = self._depth(k, points, float(depths[c]), float(force[c]))
             there = gap(pad, float(depths[c]), points)
             pressure = self._pressure(k, there.value - wall)
+            if not self.driven[k] and not np.any(pressure > 0.0):
+                depths[c] = self._depth(k, points, float(depths[c]), float(force[c]))
+                there = gap(pad, float(depths[c]), points)
+                pressure = self._pressure(k, there.value - wall)
             pressures[k] = pressure
             push = weights * pressure
             slope = there.normal @ pad.axis
@@ -120,7 +137,9 @@ class PadField:
             mixed[active] = (push[:, None] * bent - (hard * slope)[:, None] * there.normal)[active]
             rows.append(np.asarray(self.matrix.T @ mixed).reshape(-1))
             corner.append(float(np.sum((hard * slope**2 - push * (bent @ pad.axis))[active])))
-            energy -= forces[c] * depths[c]
+            energy -= float(force[c]) * depths[c]
+            touching.append(c)
+            missing[c] = force[c] - forces[c]
         size = positions.size
         return Press(
             energy,
@@ -131,6 +150,8 @@ class PadField:
             stiffness,
             np.stack(rows, axis=1) if rows else np.zeros((size, 0)),
             np.array(corner),
+            np.array(touching, dtype=np.int64),
+            missing,
         )
 
     def seen(self, state: Equilibrium, press: Press) -> Equilibrium:

@@ -2,7 +2,7 @@
 
 Modules of kernels import `compiled` and so need numba; whoever uses them asks `HAVE_NUMBA` first
 and takes the plain numpy twin otherwise. A read-only installation keeps its cache where
-NUMBA_CACHE_DIR, or numba's own per-user fallback, says.
+NUMBA_CACHE_DIR, or numba's own per-user fallback, says; without any such place it works uncached.
 
 A cached kernel contains the kernels it calls, but numba looks at its own file only. So the name
 under which a kernel is cached carries a digest of all kernel sources: a change in any of them
@@ -64,10 +64,28 @@ def revised(function: Function) -> Function:
 
 def compiled(function: Function) -> Function:
     """Compile `function` on first use."""
+    return cast(Function, cached(function, nogil=True, error_model='numpy'))
+
+
+def cached(function: Callable[..., Any], *signature: Any, **options: Any) -> Any:
+    """`function` compiled by numba, for `signature` at once if there is one, and cached on disk.
+
+    Where no place for the cache can be written it is compiled at every start, after a warning.
+    """
     import numba
 
-    result: Any = numba.njit(nogil=True, cache=True, error_model='numpy')(revised(function))
-    return cast(Function, result)
+    try:
+        return numba.njit(*signature, cache=True, **options)(revised(function))
+    except RuntimeError as error:
+        if 'no locator available' not in str(error):
+            raise
+    warnings.warn(
+        'compiled kernels cannot be kept: neither the installation nor the cache of this user can '
+        'be written, so every start compiles anew; set NUMBA_CACHE_DIR to a folder that can',
+        RuntimeWarning,
+        stacklevel=2,
+    )
+    return numba.njit(*signature, **options)(function)
 
 
 def writable(array: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,9 +2,12 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 import shell_deform
 from shell_deform import assemble_kernels, compiled
@@ -27,20 +30,53 @@ def test_kernels_are_cached_under_the_digest_of_all_kernel_sources():
     assert assemble_kernels.shell_gradient.py_func.__qualname__.endswith(compiled.REVISION)
 
 
-def test_an_installation_that_cannot_be_written_compiles_into_the_named_cache(tmp_path):
-    script = (
-        'import numpy as np\n'
-        'from shell_deform.theory.kernels import point_stress\n'
-        'print(point_stress(np.ones(6), np.eye(3), np.eye(3), np.empty(6)))\n'
-    )
-    cache = tmp_path / 'cache'
+STRESS = (
+    'import numpy as np\n'
+    'import shell_deform\n'
+    'from shell_deform.theory.kernels import point_stress\n'
+    'print(shell_deform.__file__)\n'
+    'print(point_stress(np.ones(6), np.eye(3), np.eye(3), np.empty(6)))\n'
+)
+
+
+@pytest.fixture
+def unwritable(tmp_path):
+    """A copy of the package where no cache can be made, not even by root: files bar the way."""
+    copy = tmp_path / 'shell_deform'
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns('__pycache__'))
+    for folder in [copy, *(path for path in copy.rglob('*') if path.is_dir())]:
+        (folder / '__pycache__').write_text('')
+    return tmp_path
+
+
+def stress_of(installed, cache):
+    """(stress, warnings) of a process that imports the package from there, without a home."""
+    kept = {k: v for k, v in os.environ.items() if k not in ('NUMBA_CACHE_DIR', 'XDG_CACHE_HOME')}
     answer = subprocess.run(
-        [sys.executable, '-c', script],
-        env={**os.environ, 'NUMBA_CACHE_DIR': str(cache)},
+        [sys.executable, '-c', STRESS],
+        env={**kept, 'HOME': os.devnull, 'PYTHONPATH': str(installed), **cache},
         capture_output=True,
         text=True,
         timeout=120,
         check=True,
     )
-    assert float(answer.stdout) == 3.0
+    where, stress = answer.stdout.split()
+    assert Path(where).is_relative_to(installed)
+    return float(stress), answer.stderr
+
+
+def test_an_installation_that_cannot_be_written_compiles_into_the_named_cache(unwritable):
+    cache = unwritable / 'cache'
+    stress, warnings = stress_of(unwritable, {'NUMBA_CACHE_DIR': str(cache)})
+    assert stress == 3.0 and 'NUMBA_CACHE_DIR' not in warnings
     assert any(cache.rglob('*.nbi'))
+
+
+@pytest.mark.parametrize('cache', [{}, {'NUMBA_CACHE_DIR': os.devnull}])
+def test_without_any_cache_that_can_be_written_kernels_work_and_a_warning_says_so(
+    unwritable, cache
+):
+    stress, warnings = stress_of(unwritable, cache)
+    assert stress == 3.0
+    assert warnings.count('set NUMBA_CACHE_DIR to a folder that can') == 1
+    assert not any(unwritable.rglob('*.nbi'))

@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numba
 from numba import types
 
-from shell_deform.compiled import revised
+from shell_deform.compiled import cached
 
 Bool, Int, Float, Void = types.boolean, types.int64, types.float64, types.void
 Floats = types.float64[::1]
@@ -49,14 +48,12 @@ def kernel(
     """Decorator: compile for these types, free of the interpreter lock, cached on disk."""
     options: dict[str, Any] = {
         'nogil': True,
-        'cache': True,
         'error_model': 'numpy',
         'no_cpython_wrapper': not called_from_python,
         'no_cfunc_wrapper': True,
     }
-    compile_function = numba.njit(result(*arguments), **options)
 
     def decorate(function: Callable[..., Any]) -> Any:
-        return compile_function(revised(function))
+        return cached(function, result(*arguments), **options)
 
     return decorate

@@ -60,19 +60,37 @@ class Discretisation(ShellPoints):
         arguments: Any = (code, *self._kernel_arguments(), positions, gradient)
         return assemble_kernels.shell_gradient(*arguments), gradient
 
-    def tangent(self, theory: str, positions: Array) -> tuple[float, Array, Array]:
-        """Strain energy [J], gradient (n, 3) [N] and stiffness values [N/m] of `pattern`."""
+    def tangent(
+        self, theory: str, positions: Array, pressure: float = 0.0
+    ) -> tuple[float, Array, Array]:
+        """Strain energy [J], gradient (n, 3) [N] and stiffness values [N/m] of `pattern`.
+
+        The stiffness contains that of a gas under `pressure` [Pa]: minus the pressure times the
+        second derivative of the volume.
+        """
         if not HAVE_NUMBA:
-            return assemble_numpy.shell_tangent(self, theory, positions)
+            return assemble_numpy.shell_tangent(self, theory, positions, pressure)
         positions = writable(positions)
         gradient = np.zeros_like(positions)
         data = np.zeros(len(self.pattern.indices))
+        reference, pattern = self.reference, self.pattern
         arguments: Any = (
             THEORIES[theory].code,
-            *self._kernel_arguments(),
+            float(pressure),
+            *self._volume_arguments()[:6],
+            reference.tangents,
+            reference.second,
+            reference.curvature,
+            self.weights,
+            self.membrane,
+            self.bending,
             positions,
             gradient,
-            *self._scatter_arguments(),
+            pattern.block_offsets,
+            pattern.block_start,
+            pattern.indptr[:-1:3],
+            pattern.row_length,
+            pattern.indices,
             data,
         )
         return assemble_kernels.shell_tangent(*arguments), gradient, data
@@ -85,20 +103,6 @@ class Discretisation(ShellPoints):
         gradient = np.zeros_like(positions)
         arguments: Any = (*self._volume_arguments(), positions, gradient)
         return assemble_kernels.volume_gradient(*arguments), gradient
-
-    def add_pressure_stiffness(self, pressure: float, positions: Array, data: Array) -> None:
-        """Add -pressure [Pa] times the second derivative of the volume to stiffness values."""
-        if not HAVE_NUMBA:
-            assemble_numpy.add_pressure_stiffness(self, pressure, positions, data)
-            return
-        arguments: Any = (
-            pressure,
-            *self._volume_arguments(),
-            writable(positions),
-            *self._scatter_arguments(),
-            data,
-        )
-        assemble_kernels.volume_tangent(*arguments)
 
     def _kernel_arguments(self) -> Any:
         reference = self.reference
@@ -122,9 +126,6 @@ class Discretisation(ShellPoints):
             self.values,
             self.weights,
         )
-
-    def _scatter_arguments(self) -> Any:
-        return self.pattern.block_offsets, self.pattern.block_start, self.pattern.row_length
 
 
 def discretise(

@@ -47,7 +47,9 @@ def shell_gradient(shell: ShellPoints, theory: str, positions: Array) -> tuple[f
     return energy, np.asarray(gradient)
 
 
-def shell_tangent(shell: ShellPoints, theory: str, positions: Array) -> tuple[float, Array, Array]:
+def shell_tangent(
+    shell: ShellPoints, theory: str, positions: Array, pressure: float = 0.0
+) -> tuple[float, Array, Array]:
     """Strain energy [J], gradient (n, 3) [N] and stiffness values in `shell.pattern`."""
     law = THEORIES[theory]
     energy, gradient = shell_gradient(shell, theory, positions)
@@ -67,6 +69,7 @@ def shell_tangent(shell: ShellPoints, theory: str, positions: Array) -> tuple[fl
                 for j in range(3):
                     block = left.T @ sp.diags(h[:, a, i, b, j]) @ right
                     total = total + _spread(block, i, j)
+    total = total - pressure * _volume_stiffness(shell, positions)
     return energy, gradient, _into_pattern(shell, total)
 
 
@@ -98,19 +101,17 @@ def volume_gradient(shell: ShellPoints, positions: Array) -> tuple[float, Array]
     return float(np.sum(w * x * parts[0])), np.asarray(gradient)
 
 
-def add_pressure_stiffness(
-    shell: ShellPoints, pressure: float, positions: Array, data: Array
-) -> None:
-    """Add -pressure times the second derivative of the volume to stiffness values."""
+def _volume_stiffness(shell: ShellPoints, positions: Array) -> sp.csr_matrix:
+    """Second derivative (3 n, 3 n) of the enclosed volume [m]."""
     matrices = _volume_matrices(shell)
     vectors = [m @ positions for m in matrices]
     total = sp.csr_matrix((3 * len(positions),) * 2)
     for third, (first, second) in enumerate(((1, 2), (2, 0), (0, 1))):
         # x . (a x b) by two of its arguments is minus the cross matrix of the third.
-        c = (pressure * shell.weights / 3.0)[:, None, None] * cross_matrix(vectors[third])
+        c = (shell.weights / -3.0)[:, None, None] * cross_matrix(vectors[third])
         for i in range(3):
             for j in range(3):
                 block = matrices[first].T @ sp.diags(c[:, i, j]) @ matrices[second]
                 spread = _spread(block, i, j)
                 total = total + spread + spread.T
-    data += _into_pattern(shell, total)
+    return total

@@ -233,19 +233,19 @@ class ShellModel:
     def _nonlinear_tangent(
         self, positions: Array, target: Array | None = None, moved: Array | None = None
     ) -> Tangent:
-        energy, gradient, data = self.shell.tangent(self.theory, positions)
         row = np.zeros_like(positions)
-        stiffness, pressure = 0.0, 0.0
-        if self.gas.is_sealed or self.pressure:
+        volume, stiffness, pressure = self.rest_volume, 0.0, 0.0
+        filled = self.gas.is_sealed or bool(self.pressure)
+        if filled:
             volume, row = self.shell.volume(positions)
             pressure = self.overpressure(volume)
-            gradient -= pressure * row
-            energy += self._gas_energy(volume)
-            if pressure:
-                self.shell.add_pressure_stiffness(pressure, positions, data)
             if self.gas.is_sealed:
                 ratio = volume / self.rest_volume
                 stiffness = -self.gas.pressure_slope(ratio) / self.rest_volume
+        energy, gradient, data = self.shell.tangent(self.theory, positions, pressure)
+        if filled:
+            gradient -= pressure * row
+            energy += self._gas_energy(volume)
         if self.supports is not None:
             moved = positions - self.rest if moved is None else moved
             energy += self.supports.energy(moved, target)

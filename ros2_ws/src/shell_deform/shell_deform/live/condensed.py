@@ -130,6 +130,7 @@ class CondensedSystem:
         updates = np.zeros((size, len(springs) + 1))
         updates[springs, np.arange(len(springs))] = 1.0
         updates[:, -1] = tangent.gas_row
+        elastic = tangent.gradient + tangent.gas_pressure * tangent.gas_row
         self._bordered = BorderedFactor(
             sprung.factor,
             borders=rows.constraints,
@@ -137,11 +138,9 @@ class CondensedSystem:
             update_coefficients=np.append(
                 np.full(len(springs), -sprung.stiffness), tangent.gas_stiffness
             ),
+            loads=np.concatenate([rows.push, -elastic[:, None]], axis=1),
         )
-        elastic = tangent.gradient + tangent.gas_pressure * tangent.gas_row
-        loads = np.concatenate([rows.push, -elastic[:, None]], axis=1)
-        nothing = np.zeros((rows.constraints.shape[1], loads.shape[1]))
-        fields, multipliers = self.solve(loads, nothing)
+        fields, multipliers = self._bordered.solve_loads(0.0)
         self.push_fields, self._modulus_field = np.split(fields, [rows.contacts], axis=1)
         self.push_multipliers, self._modulus_multipliers = np.split(
             multipliers, [rows.contacts], axis=1

@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 
 SMALLEST_STEP = 1.0 / 256.0
 
+BALANCED = 1e-12
+"""Unbalanced force, over that of the shell, which is round-off."""
+
 
 @dataclass(frozen=True)
 class Target:
@@ -257,21 +260,24 @@ class EquilibriumTracker:
         """Newton step (N,) from `state` by the tangent at hand, new multipliers and pushes."""
         rows, system, driven = self._rows(), self.system(), target.driven
         prescribed = np.concatenate([target.held, target.rigid])
-        force = np.where(driven, state.force, target.force)
-        step, multipliers = system.solve(
-            rows.push @ force + extra - state.gradient,
-            prescribed - rows.constraints.T @ state.moved,
-        )
+        held, carried = rows.constraints @ state.multipliers, rows.push @ state.force
+        loose = carried + extra - held - state.gradient
+        # What a Newton step left in balance is not worth the triangular solves.
+        if np.linalg.norm(loose) < BALANCED * np.linalg.norm(state.gradient):
+            loose = np.zeros_like(loose)
+        step, multipliers = system.solve(loose, prescribed - rows.constraints.T @ state.moved)
+        more = np.where(driven, 0.0, target.force - state.force)
         if driven.any():
-            missing = (target.displacement - rows.measure.T @ (state.moved + step))[driven]
-            more = np.zeros(len(force))
+            missing = target.displacement - rows.measure.T @ (state.moved + step)
+            missing = (missing - system.compliance @ more)[driven]
             more[driven] = np.linalg.lstsq(
                 system.compliance[np.ix_(driven, driven)], missing, rcond=None
             )[0]
-            step = step + system.push_fields @ more
-            multipliers = multipliers + system.push_multipliers @ more
-            force = force + more
-        return step, multipliers, force
+        return (
+            step + system.push_fields @ more,
+            state.multipliers + multipliers + system.push_multipliers @ more,
+            state.force + more,
+        )
 
     def _iterate(self, target: Target, extra: Array) -> State | None:
         """The state under `target` and dead nodal forces `extra` (N,), or None.

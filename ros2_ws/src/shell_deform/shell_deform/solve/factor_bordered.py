@@ -40,6 +40,7 @@ class BorderedFactor:
         update_vectors: ArrayLike | None = None,
         update_coefficients: ArrayLike | None = None,
         measures: ArrayLike | None = None,
+        loads: ArrayLike | None = None,
     ) -> None:
         """Borders C (N, k), symmetric corner D (k, k), default 0; update V (N, u), c (u,).
 
@@ -78,7 +79,12 @@ class BorderedFactor:
         self._corner[:count, :count] = inner
         self._corner[range(count, total), range(count, total)] = -1.0 / strengths
         self._update_signs = Inertia(int(np.sum(strengths < 0.0)), int(np.sum(strengths > 0.0)), 0)
-        self._response, along = factor.partial_solve(self._columns)
+        known = _columns(loads, size, 'loads')
+        strong, along = factor.partial_solve(
+            np.hstack([self._columns, np.where(factor.free[:, None], known, 0.0)])
+        )
+        self._response, self._known = strong[:, :total], (strong[:, total:], along[:, total:])
+        along = along[:, :total]
         small = np.block(
             [[self._corner - self._rows.T @ self._response, self._rows.T @ factor.weak_modes],
              [along, factor.weak_matrix]]
@@ -151,13 +157,7 @@ class BorderedFactor:
                 raise FactorError(
                     f'border right-hand side of shape {np.shape(border_rhs)}, needed is {shape}'
                 ) from None
-        zero = int(np.sum(np.abs(self._values) <= ZERO_EIGENVALUE))
-        if zero:
-            raise SingularMatrixError(
-                f'the bordered matrix has {zero} zero eigenvalues: its borders do '
-                'not hold every zero mode of the matrix; add a support or another border',
-                self.factor.weak_unknowns,
-            )
+        self._refuse_singular()
         x, m = self._solve_once(f, g)
         smallest = np.inf
         for _ in range(refinements):
@@ -169,6 +169,26 @@ class BorderedFactor:
             x, m = x + dx, m + dm
         return x.reshape(load.shape), m[: self._count].reshape(shape)
 
+    def solve_loads(
+        self, border_rhs: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """`solve` without refinement for the `loads` of the constructor: x (N, l), m (k, l)."""
+        strong, along = self._known
+        g = np.zeros((len(self._corner), strong.shape[1]))
+        g[: self._count] = border_rhs
+        self._refuse_singular()
+        x, m = self._close(strong, along, g)
+        return x, m[: self._count]
+
+    def _refuse_singular(self) -> None:
+        zero = int(np.sum(np.abs(self._values) <= ZERO_EIGENVALUE))
+        if zero:
+            raise SingularMatrixError(
+                f'the bordered matrix has {zero} zero eigenvalues: its borders do '
+                'not hold every zero mode of the matrix; add a support or another border',
+                self.factor.weak_unknowns,
+            )
+
     def _solve_once(
         self, f: NDArray[np.float64], g: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -177,6 +197,12 @@ class BorderedFactor:
         loaded = np.any(f, axis=0)
         if loaded.any():
             strong[:, loaded], along[:, loaded] = self.factor.partial_solve(f[:, loaded])
+        return self._close(strong, along, g)
+
+    def _close(
+        self, strong: NDArray[np.float64], along: NDArray[np.float64], g: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """x and m from the strong and the weak part of the loads and the border's values g."""
         right = np.vstack([g - self._rows.T @ strong, along]) * self._scale[:, None]
         small = self._left @ ((self._vectors.T @ right) / self._values[:, None])
         small *= self._scale[:, None]

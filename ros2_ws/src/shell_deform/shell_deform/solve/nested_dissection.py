@@ -1,9 +1,8 @@
 """Nested dissection: an elimination order that keeps the factor of a mesh matrix thin.
 
-A set of vertices is cut in two by a plane through its median (several directions are tried, the
-one with the smallest separator wins); the separator, which is made as small as the cut's edges
-allow, is eliminated last. Without coordinates, distances in the graph from a few far-apart
-landmarks serve as coordinates.
+A set of vertices is cut in two by planes through its median in several directions; the smallest
+separator among them, each as small as the cut's edges allow, is eliminated last. Without
+coordinates, distances in the graph from a few far-apart landmarks serve as coordinates.
 """
 
 from __future__ import annotations
@@ -13,11 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.compiled import compiled
+from shell_deform.compiled import compiled, writable
 
 LANDMARKS = 4
 LEAF_VERTICES = 24
-TRIED_DIRECTIONS = 4
 # Irrational tilts break the ties of regular lattices and of integer graph distances.
 TILT = 1e-3
 
@@ -37,7 +35,7 @@ def nested_dissection(
     count = len(indptr) - 1
     if coordinates is None:
         coordinates = _graph_coordinates(indptr, indices, LANDMARKS)
-    points = np.ascontiguousarray(coordinates, dtype=np.float64).reshape(count, -1)
+    points = writable(np.asarray(coordinates, dtype=np.float64).reshape(count, -1))
     order = np.arange(count, dtype=np.int32)
     _dissect(
         indptr,
@@ -46,7 +44,6 @@ def nested_dissection(
         _directions(points.shape[1]),
         order,
         leaf_vertices,
-        TRIED_DIRECTIONS,
     )
     return order
 
@@ -232,20 +229,19 @@ def _median(values: Any, count: int, scratch: Any) -> float:
 
 @compiled
 def _dissect(
-    indptr: Any, indices: Any, points: Any, directions: Any, order: Any, leaf: int, tried: int
+    indptr: Any, indices: Any, points: Any, directions: Any, order: Any, leaf: int
 ) -> None:
     """Reorder `order` in place: halves first, their separator last, recursively."""
     count = len(order)
     dimension = points.shape[1]
     candidates = len(directions)
-    tried = min(tried, candidates)
     side = np.full(count, -1, np.int8)
     partner = np.empty(count, np.int32)
     seen = np.empty(count, np.int32)
     stack = np.empty(count + 1, np.int32)
     cursor = np.empty(count + 1, np.int32)
-    values = np.empty((candidates, count))
-    extents = np.empty(candidates)
+    values = np.empty(count)
+    best = np.empty(count, np.int8)
     scratch = np.empty(count)
     sizes = np.empty(3, np.int64)
     # Ranges of `order` still to be cut; each cut halves one, so few wait at a time.
@@ -258,37 +254,25 @@ def _dissect(
         size = high - low
         if size <= leaf:
             continue
+        smallest = size + 1
         for c in range(candidates):
-            least, most = np.inf, -np.inf
             for k in range(size):
                 value = 0.0
                 for i in range(dimension):
                     value += directions[c, i] * points[order[low + k], i]
-                values[c, k] = value
-                least, most = min(least, value), max(most, value)
-            extents[c] = most - least
-        best, best_cost, best_level = -1, np.inf, 0.0
-        for _ in range(tried):
-            c = 0
-            for other in range(1, candidates):
-                if extents[other] > extents[c]:
-                    c = other
-            extents[c] = -1.0
-            level = _median(values[c], size, scratch)
+                values[k] = value
+            level = _median(values, size, scratch)
             for k in range(size):
-                side[order[low + k]] = 0 if values[c, k] < level else 1
-            touching = 0
-            for k in range(size):
-                v = order[low + k]
-                for q in range(indptr[v], indptr[v + 1]):
-                    if side[indices[q]] + side[v] == 1 and side[indices[q]] != -1 and side[v] >= 0:
-                        touching += 1
-                        break
-            if touching < best_cost:
-                best, best_cost, best_level = c, touching, level
+                side[order[low + k]] = 0 if values[k] < level else 1
+            cover = _minimum_cover(
+                indptr, indices, side, order, low, high, partner, seen, stack, cursor
+            )
+            if cover < smallest:
+                smallest = cover
+                for k in range(size):
+                    best[k] = side[order[low + k]]
         for k in range(size):
-            side[order[low + k]] = 0 if values[best, k] < best_level else 1
-        _minimum_cover(indptr, indices, side, order, low, high, partner, seen, stack, cursor)
+            side[order[low + k]] = best[k]
         filled = 0
         sizes[:] = 0
         for part in range(3):

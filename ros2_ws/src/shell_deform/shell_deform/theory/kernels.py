@@ -44,47 +44,53 @@ def point_strains(
     strain: Any,
     jac: Any,
     work: Any,
-) -> float:
+) -> None:
     """Strains (6,) and their derivative (6, 15) at derivative vectors q (5, 3).
 
-    `work` (8, 3) keeps m, n and frame vectors for `add_point_hessian`; returns |a_1 x a_2|.
+    The membrane strains depend on the first two vectors only. `work` (6, 3) keeps a_1 x a_2, n,
+    frame vectors and, for Koiter, the dual vectors a^1, a^2 for `add_point_hessian`.
     """
     jac[:, :] = 0.0
-    m, normal, k = work[0], work[1], work[2:4]
+    m, normal, k, dual_1, dual_2 = work[0], work[1], work[2:4], work[4], work[5]
     if theory == LINEAR:
         a_1, a_2 = tangents[0], tangents[1]
     else:
         a_1, a_2 = q[0], q[1]
     _cross(a_1, a_2, m)
-    stretch = np.sqrt(_dot(m, m))
+    inverse = 1.0 / np.sqrt(_dot(m, m))
     for i in range(3):
-        normal[i] = m[i] / stretch
+        normal[i] = m[i] * inverse
         jac[0, i] = a_1[i]
         jac[1, 3 + i] = a_2[i]
         jac[2, i] = a_2[i]
         jac[2, 3 + i] = a_1[i]
-    cross_2, cross_1 = work[4], work[5]
-    for row in range(3):
-        vector = 2 if row == 0 else (4 if row == 1 else 3)
-        factor = 2.0 if row == 2 else 1.0
-        a_ij = second[vector - 2] if theory == LINEAR else q[vector]
-        _cross(a_2, a_ij, cross_2)
-        _cross(a_ij, a_1, cross_1)
-        if theory == KOITER:
-            # d(a_ij . n) = [a_ij - (a_ij . n) n] . dm / stretch
-            along = _dot(a_ij, normal)
+    if theory == KOITER:
+        _cross(a_2, normal, dual_1)
+        _cross(normal, a_1, dual_2)
+        for i in range(3):
+            dual_1[i] *= inverse
+            dual_2[i] *= inverse
+        for row in range(3):
+            vector = 2 if row == 0 else (4 if row == 1 else 3)
+            factor = 2.0 if row == 2 else 1.0
+            # dn = -(n . da_c) a^c, so d(a_ij . n) = n . (da_ij - (a_ij . a^c) da_c)
+            along_1 = factor * _dot(q[vector], dual_1)
+            along_2 = factor * _dot(q[vector], dual_2)
             for i in range(3):
-                jac[3 + row, 6 + 3 * (vector - 2) + i] = factor * normal[i]
-            _cross(a_2, normal, work[6])
-            _cross(normal, a_1, work[7])
+                jac[3 + row, i] = -along_1 * normal[i]
+                jac[3 + row, 3 + i] = -along_2 * normal[i]
+                jac[3 + row, 3 * vector + i] = factor * normal[i]
+    else:
+        for row in range(3):
+            vector = 2 if row == 0 else (4 if row == 1 else 3)
+            factor = 2.0 if row == 2 else 1.0
+            a_ij = second[vector - 2] if theory == LINEAR else q[vector]
+            _cross(a_2, a_ij, dual_1)
+            _cross(a_ij, a_1, dual_2)
             for i in range(3):
-                jac[3 + row, i] = factor * (cross_2[i] - along * work[6, i]) / stretch
-                jac[3 + row, 3 + i] = factor * (cross_1[i] - along * work[7, i]) / stretch
-        else:
-            for i in range(3):
-                jac[3 + row, i] = factor * cross_2[i]
-                jac[3 + row, 3 + i] = factor * cross_1[i]
-                jac[3 + row, 6 + 3 * (vector - 2) + i] = factor * m[i]
+                jac[3 + row, i] = factor * dual_1[i]
+                jac[3 + row, 3 + i] = factor * dual_2[i]
+                jac[3 + row, 3 * vector + i] = factor * m[i]
     if theory in (LINEAR, PAPER):
         _set_frame_curvature(tangents, curvature, k)
         for i in range(3):
@@ -101,7 +107,7 @@ def point_strains(
                 for c in range(3):
                     total += jac[row, 6 + 3 * c + i] * (q[2 + c, i] - second[c, i])
             strain[row] = total
-        return stretch
+        return
     strain[0] = 0.5 * (_dot(a_1, a_1) - 1.0)
     strain[1] = 0.5 * (_dot(a_2, a_2) - 1.0)
     strain[2] = _dot(a_1, a_2)
@@ -117,7 +123,6 @@ def point_strains(
         strain[3] -= curvature[0]
         strain[4] -= curvature[2]
         strain[5] -= 2.0 * curvature[1]
-    return stretch
 
 
 @compiled
@@ -146,35 +151,54 @@ def _add_cross(h: Any, row: int, column: int, v: Any, factor: float) -> None:
 
 
 @compiled
-def add_point_hessian(
-    theory: int, q: Any, stress: Any, stretch: float, work: Any, blocks: Any, h: Any
-) -> None:
+def add_point_hessian(theory: int, q: Any, stress: Any, work: Any, blocks: Any, h: Any) -> None:
     """Add sum_k stress_k d2(strain_k)/dq2 to h (15, 15); call after `point_strains`."""
     if theory == LINEAR:
         return
-    a_1, a_2, normal = q[0], q[1], work[1]
     for i in range(3):
         h[i, i] += stress[0]
         h[3 + i, 3 + i] += stress[1]
         h[i, 3 + i] += stress[2]
         h[3 + i, i] += stress[2]
-    c = work[4]
+    if theory == KOITER:
+        _add_koiter_bending(q, stress, work[1], work[4:6], blocks[0, 0], h)
+    else:
+        _add_paper_bending(q, stress, blocks, h)
+
+
+@compiled
+def _add_koiter_bending(q: Any, stress: Any, normal: Any, dual: Any, c: Any, h: Any) -> None:
+    """d2(c . n) with c = sum of moments times a_ij, by dn = -(n . da_x) a^x taken twice.
+
+    -2 (n . da_x) a^x . (dc - c^y da_y) - (c . n) a^xy (n . da_x) (n . da_y),  c^x = c . a^x.
+    """
     for i in range(3):
         c[i] = stress[3] * q[2, i] + stress[4] * q[4, i] + 2.0 * stress[5] * q[3, i]
-    by_1, by_2 = blocks[0], blocks[1]  # d(fibre)/da_1, d(fibre)/da_2
+    # dc - c^y da_y = sum_y g_y dq_y
+    g = (-_dot(c, dual[0]), -_dot(c, dual[1]), stress[3], 2.0 * stress[5], stress[4])
+    along = _dot(c, normal)
+    for x in range(2):
+        for y in range(2):
+            metric = along * _dot(dual[x], dual[y])
+            for i in range(3):
+                for j in range(3):
+                    h[3 * x + i, 3 * y + j] -= metric * normal[i] * normal[j]
+        for y in range(5):
+            for i in range(3):
+                for j in range(3):
+                    part = g[y] * normal[i] * dual[x, j]
+                    h[3 * x + i, 3 * y + j] -= part
+                    h[3 * y + j, 3 * x + i] -= part
+
+
+@compiled
+def _add_paper_bending(q: Any, stress: Any, blocks: Any, h: Any) -> None:
+    """d2(c . m) with m = a_1 x a_2 and c = sum of moments times a_ij."""
+    by_1, by_2, c = blocks[0], blocks[1], blocks[2, 0]  # dm/da_1, dm/da_2
     by_1[:, :] = 0.0
     by_2[:, :] = 0.0
-    _add_cross(by_1, 0, 0, a_2, -1.0)
-    _add_cross(by_2, 0, 0, a_1, 1.0)
-    if theory == KOITER:
-        for block in range(2):
-            matrix = blocks[block]
-            for j in range(3):
-                along = (
-                    normal[0] * matrix[0, j] + normal[1] * matrix[1, j] + normal[2] * matrix[2, j]
-                )
-                for i in range(3):
-                    matrix[i, j] = (matrix[i, j] - along * normal[i]) / stretch
+    _add_cross(by_1, 0, 0, q[1], -1.0)
+    _add_cross(by_2, 0, 0, q[0], 1.0)
     for vector in range(3):
         moment = stress[3] if vector == 0 else (2.0 * stress[5] if vector == 1 else stress[4])
         base = 6 + 3 * vector
@@ -184,39 +208,7 @@ def add_point_hessian(
                 h[j, base + i] += moment * by_1[i, j]
                 h[base + i, 3 + j] += moment * by_2[i, j]
                 h[3 + j, base + i] += moment * by_2[i, j]
-    if theory != KOITER:
-        _add_cross(h, 0, 3, c, -1.0)
-        _add_cross(h, 3, 0, c, 1.0)
-        return
-    # f = c . n at fixed c, and f * stretch = c . (a_1 x a_2), differentiated twice.
-    f = _dot(c, normal)
-    f_by, j_by = blocks[2], blocks[3]
-    for j in range(3):
-        f_by[0, j] = c[0] * by_1[0, j] + c[1] * by_1[1, j] + c[2] * by_1[2, j]
-        f_by[1, j] = c[0] * by_2[0, j] + c[1] * by_2[1, j] + c[2] * by_2[2, j]
-    _cross(a_2, normal, j_by[0])
-    _cross(normal, a_1, j_by[1])
-    inverse = 1.0 / stretch
-    for x in range(2):
-        for y in range(2):
-            for i in range(3):
-                # column i of dm/da_x: e_i x a_2 or a_1 x e_i
-                if x == 0:
-                    mx = -a_2[2] if i == 1 else (a_2[1] if i == 2 else 0.0)
-                    my = a_2[2] if i == 0 else (-a_2[0] if i == 2 else 0.0)
-                    mz = -a_2[1] if i == 0 else (a_2[0] if i == 1 else 0.0)
-                    mx, my, mz = -mx, -my, -mz
-                else:
-                    mx = -a_1[2] if i == 1 else (a_1[1] if i == 2 else 0.0)
-                    my = a_1[2] if i == 0 else (-a_1[0] if i == 2 else 0.0)
-                    mz = -a_1[1] if i == 0 else (a_1[0] if i == 1 else 0.0)
-                for j in range(3):
-                    n_y = blocks[y]
-                    j_xy = mx * n_y[0, j] + my * n_y[1, j] + mz * n_y[2, j]
-                    h[3 * x + i, 3 * y + j] -= inverse * (
-                        f * j_xy + j_by[x, i] * f_by[y, j] + f_by[x, i] * j_by[y, j]
-                    )
     for i in range(3):
-        work[5, i] = (c[i] - f * normal[i]) * inverse
-    _add_cross(h, 0, 3, work[5], -1.0)
-    _add_cross(h, 3, 0, work[5], 1.0)
+        c[i] = stress[3] * q[2, i] + stress[4] * q[4, i] + 2.0 * stress[5] * q[3, i]
+    _add_cross(h, 0, 3, c, -1.0)
+    _add_cross(h, 3, 0, c, 1.0)

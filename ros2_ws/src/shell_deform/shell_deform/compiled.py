@@ -74,8 +74,9 @@ def cached(function: Callable[..., Any], *signature: Any, **options: Any) -> Any
     """
     import numba
 
+    compiler: Any = numba.njit
     try:
-        return numba.njit(*signature, cache=True, **options)(revised(function))
+        return compiler(*signature, cache=True, **options)(revised(function))
     except RuntimeError as error:
         if 'no locator available' not in str(error):
             raise
@@ -85,7 +86,7 @@ def cached(function: Callable[..., Any], *signature: Any, **options: Any) -> Any
         RuntimeWarning,
         stacklevel=2,
     )
-    return numba.njit(*signature, **options)(function)
+    return compiler(*signature, **options)(function)
 
 
 def writable(array: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -38,7 +38,7 @@ def draw_report() -> Path:
             [str(Path(sys.executable).parent / 'grasp_report'), str(BAG), '--out', folder],
             check=True,
         )
-        with _browser(1200, 1500) as tab:
+        with _browser(1200, 1900) as tab:
             tab.goto((Path(folder) / 'report.html').as_uri())
             tab.wait_for_selector('body.webgl')
             tab.screenshot(path=path)

@@ -385,7 +385,9 @@ def main() -> int:
         echo()
         return 0
     os.environ.setdefault('ROS_DOMAIN_ID', '87')
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    # In the range LOCALHOST processes often find each other only at the next announcement of the
+    # older one, up to three seconds later: that would be the figure for the start.
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
     rclpy.init()
     short = show(rows(options))
     rclpy.try_shutdown()

@@ -161,7 +161,7 @@ class Hand:
         while time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.005)
 
-    def play_until(self, condition: Callable[[], bool], limit: float = 60.0) -> None:
+    def play_until(self, condition: Callable[[], object], limit: float = 60.0) -> None:
         """Publish at 50 Hz until `condition` holds."""
         end = time.monotonic() + limit
         while not condition():
@@ -189,13 +189,15 @@ class Hand:
 def start_rows(starts: int) -> Iterator[Row]:
     """From the command to the first served surface and to the first equilibrium, warm caches."""
     for vertices in (0, 2500):
-        first, solved = [], []
+        found, first, solved = [], [], []
         for _ in range(starts):
             hand = Hand()
             for name in ('surface', 'nonlinear'):
                 hand.listen(name, f'deformation/{name}')
             began = time.perf_counter()
             with deformation(f'control_vertices:={vertices}'):
+                hand.play_until(hand.publisher.get_subscription_count)
+                found.append(time.perf_counter() - began)
                 hand.play_until(partial(bool, hand.latency['surface']))
                 first.append(time.perf_counter() - began)
                 hand.play_until(partial(bool, hand.latency['nonlinear']))
@@ -206,6 +208,7 @@ def start_rows(starts: int) -> Iterator[Row]:
         yield Row(
             f'start to first served surface, {size}', f'{start:.1f} s', '<= 3 s', start <= 3.0
         )
+        yield Row('of it, until DDS let the two find each other', f'{np.median(found):.1f} s')
         yield Row('start to first equilibrium', f'{np.median(solved):.1f} s')
 
 
@@ -375,7 +378,7 @@ def main() -> int:
     parser.add_argument('--echo', action='store_true', help=argparse.SUPPRESS)
     parser.add_argument('--seconds', type=float, default=10.0, help='length of a latency run')
     parser.add_argument('--runs', type=int, default=1, help='latency runs')
-    parser.add_argument('--starts', type=int, default=3, help='starts of the node of each size')
+    parser.add_argument('--starts', type=int, default=5, help='starts of the node of each size')
     parser.add_argument(
         '--replay-seconds', type=float, default=30.0, help='replay while memory is watched'
     )

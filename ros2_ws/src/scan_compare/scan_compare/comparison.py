@@ -28,6 +28,9 @@ OUTLIER_SHARE = 0.25
 CORRELATION_LENGTH = 5e-3
 """Errors within this distance [m] are treated as one when the error of a mean is estimated."""
 
+OFFSET_FLOORS = 3.0
+"""An undeformed region that lies this many noise floors off on average is another object's."""
+
 Progress = Callable[[str], None]
 
 
@@ -205,13 +208,20 @@ def compare(
     if means is None:
         raise ComparisonError(f'{scan.source}: no points to average')
     areas = _areas(scan, surface, distances, used)
-    dented = in_dent[used]
+    value, dented = distances.distance[used], in_dent[used]
     disc_in_dent = means.share(dented) > 0.5
     largest = means.largest(means.quotable)
     notes = list(scan.notes)
+    outside = summarise(value[~dented])
+    floor = mean_unsigned_noise(scanner_sigma_m)
+    if outside is not None and abs(outside.signed_mean_m) > OFFSET_FLOORS * floor:
+        side = 'outside' if outside.signed_mean_m > 0.0 else 'inside'
+        notes.append(
+            f'the undeformed region lies {1e3 * abs(outside.signed_mean_m):.2f} mm {side} the '
+            "model's outer face: check the object's size and thickness, and what was scanned"
+        )
     if largest is None:
         notes.append('no disc holds 50 points: no local maximum is quoted, see the raw maximum')
-    value = distances.distance[used]
     return Comparison(
         source=scan.source,
         points=points,
@@ -226,7 +236,7 @@ def compare(
         vertex=_required(summarise(value)),
         area=summarise(value, areas),
         dent=summarise(value[dented]),
-        outside=summarise(value[~dented]),
+        outside=outside,
         dent_area=summarise(value[dented], areas[dented]),
         outside_area=summarise(value[~dented], areas[~dented]),
         local=means,
@@ -242,7 +252,7 @@ def compare(
             )
         ),
         scanner_sigma_m=scanner_sigma_m,
-        noise_floor_m=mean_unsigned_noise(scanner_sigma_m),
+        noise_floor_m=floor,
         mean_error_sigma_m=_mean_error_sigma(distances, used, found),
         mean_error_noise_free_m=_noise_free_mean(means, scanner_sigma_m),
         max_error_m=largest,

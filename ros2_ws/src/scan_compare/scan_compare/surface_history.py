@@ -57,7 +57,8 @@ class SurfaceHistory:
         if newest is None or surface.stamp_ns >= newest.stamp_ns:
             self._newest = surface
         place = bisect_left(self._surfaces, surface)
-        if place and surface.stamp_ns - self._surfaces[place - 1].stamp_ns < SPACING_NS:
+        beside = self._surfaces[max(0, place - 1) : place + 1]
+        if any(abs(surface.stamp_ns - kept.stamp_ns) < SPACING_NS for kept in beside):
             return
         insort(self._surfaces, surface)
         assert self._newest is not None

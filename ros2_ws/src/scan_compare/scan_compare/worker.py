@@ -13,8 +13,9 @@ import time
 from collections import deque
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from pathlib import Path
+from queue import Empty, SimpleQueue
+from threading import Thread
 
 import numpy as np
 
@@ -49,10 +50,6 @@ FAILURES = (
 NICENESS = 10
 """What the process adds to its niceness, as the solver's background process does: a scan can wait,
 the surface that answers the next contact cannot."""
-
-READY = 'ready'
-"""First word of the process. A job sent before it would fill the pipe and hold the node up for as
-long as the imports take."""
 
 PATIENCE_S = 2.0
 """How long an ending process is waited for before it is killed [s]."""
@@ -112,6 +109,9 @@ class Result:
     statistics: dict[str, object] = field(default_factory=dict)
     sentence: str = ''
     seconds: float = 0.0
+
+
+Results = SimpleQueue[Result]
 
 
 def run(job: Job) -> Result:
@@ -217,7 +217,6 @@ def serve(connection: Connection) -> None:
     # Ctrl-C reaches the whole process group; the node decides when this process ends
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(NICENESS)
-    connection.send(READY)
     while True:
         try:
             job = connection.recv()
@@ -234,16 +233,29 @@ def serve(connection: Connection) -> None:
             return
 
 
+def exchange(connection: Connection, jobs: SimpleQueue[Job | None], results: Results) -> None:
+    """Carry jobs to the process and results back until it ends, or a None asks for the end.
+
+    In a thread of its own: a large scan goes through the pipe as fast as the process, which yields
+    to all others, takes it.
+    """
+    try:
+        while (job := jobs.get()) is not None:
+            connection.send(job)
+            results.put(connection.recv())
+    except (EOFError, OSError):
+        pass
+    finally:
+        connection.close()
+
+
 class Worker:
     """Owns the process: starts it, hands it one job after the other, restarts it when it died."""
 
     def __init__(self) -> None:
         self._context = multiprocessing.get_context('spawn')
-        self._connection: Connection | None = None
-        self._process: BaseProcess | None = None
         self._running: Job | None = None
         self._waiting: deque[Job] = deque()
-        self._ready = False
         self.restarts = -1
         self._start()
 
@@ -272,36 +284,27 @@ class Worker:
         return self._waiting.popleft() if self._waiting else None
 
     def poll(self) -> Result | None:
-        """Return a result if one is there; never waits for a computation."""
-        assert self._connection is not None
+        """Return a result if one is there; never waits for a computation or a transfer."""
+        # asked before the results are: what an ended thread has brought is among them; that of an
+        # idle process waits for a job and hears nothing
+        ended = not self._thread.is_alive() or not (self._running or self._process.is_alive())
         try:
-            if self._connection.poll():
-                answer: Result | str = self._connection.recv()
-                self._ready = True
-                if isinstance(answer, Result):
-                    self._running = None
-                self._hand_over()
-                return answer if isinstance(answer, Result) else None
-        except (EOFError, OSError):
-            pass
-        if self._process is not None and not self._process.is_alive():
-            return self._died()
-        return None
+            result = self._results.get_nowait()
+        except Empty:
+            return self._died() if ended else None
+        self._running = None
+        self._hand_over()
+        return result
 
     def _hand_over(self) -> None:
-        if not self._ready or self._running is not None or not self._waiting:
-            return
-        assert self._connection is not None
-        self._running = self._waiting.popleft()
-        try:
-            self._connection.send(self._running)
-        except OSError:
-            # the process has died: `poll` reports the job and starts another
-            return
+        if self._running is None and self._waiting:
+            self._running = self._waiting.popleft()
+            self._jobs.put(self._running)
 
     def _died(self) -> Result | None:
         lost, self._running = self._running, None
-        assert self._process is not None
+        self._jobs.put(None)
+        self._process.join(PATIENCE_S)
         code = self._process.exitcode
         self._start()
         self._hand_over()
@@ -315,24 +318,26 @@ class Worker:
         )
 
     def _start(self) -> None:
-        if self._connection is not None:
-            self._connection.close()
-        self._ready = False
-        self._connection, other = self._context.Pipe()
+        self._jobs: SimpleQueue[Job | None] = SimpleQueue()
+        self._results: Results = SimpleQueue()
+        connection, other = self._context.Pipe()
         self._process = self._context.Process(
             target=serve, args=(other,), name='scan_compare_worker', daemon=True
         )
         self._process.start()
         other.close()
+        self._thread = Thread(
+            target=exchange, args=(connection, self._jobs, self._results), daemon=True
+        )
+        self._thread.start()
         self.restarts += 1
 
     def close(self) -> None:
         """End the process, whatever it is doing."""
-        if self._connection is not None:
-            self._connection.close()
-        if self._process is not None:
-            self._process.terminate()
-            self._process.join(PATIENCE_S)
-            if self._process.is_alive():
-                self._process.kill()
-                self._process.join()
+        self._jobs.put(None)
+        self._process.terminate()
+        self._process.join(PATIENCE_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        self._thread.join()

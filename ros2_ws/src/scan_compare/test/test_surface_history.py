@@ -45,6 +45,13 @@ def test_a_fast_stream_is_thinned_and_old_surfaces_are_dropped() -> None:
     assert stamps(history, 0) == 499 * 4_000_000
 
 
+def test_a_surface_sent_again_is_kept_once() -> None:
+    history = SurfaceHistory(1.0)
+    for stamp in (SECOND, SECOND, 2 * SECOND, SECOND, 2 * SECOND):
+        history.add(at(stamp))
+    assert len(history) == 2
+
+
 def test_a_clock_set_back_starts_anew() -> None:
     history = SurfaceHistory(1.0)
     history.add(at(3600 * SECOND))

@@ -316,7 +316,7 @@ def draw(path: Path) -> None:
     families['MuJoCo flexible shell, whole ball'] = [p for p in flexible if p is not None]
     solid = calculix_curve()
     families['CalculiX axisymmetric solid, difference from Koiter'] = [solid] if solid else []
-    figure, axes = plt.subplots(1, 2, figsize=(10, 4.2), sharey=True, layout='constrained')
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4.8), sharey=True, layout='constrained')
     for name, curves in families.items():
         if not curves:
             continue
@@ -328,7 +328,7 @@ def draw(path: Path) -> None:
     for axis in axes:
         axis.grid(which='both', alpha=0.3)
         axis.xaxis.set_minor_formatter(NullFormatter())
-    axes[0].legend()
+    figure.legend(*axes[0].get_legend_handles_labels(), loc='outside lower center', ncols=2)
     figure.suptitle('Pinched ball against the independent solution of the same strain measure')
     figure.savefig(path, dpi=130)
 

@@ -3,7 +3,8 @@
 No library evaluates the Loop limit surface, so none can project onto it. The search starts at the
 nearest of a dense set of surface samples (SciPy's kd-tree) and walks from triangle to triangle by
 Newton steps on the squared distance, falling back to the intrinsic Gauss-Newton direction, which
-is the same on both sides of an edge, wherever a step makes no progress.
+is the same on both sides of an edge, wherever a step makes no progress. Queries whose foot may not
+be the nearest one are searched again from all samples near enough.
 """
 
 from __future__ import annotations

@@ -25,11 +25,13 @@ def largest_mm(message: PointCloud2 | None) -> float:
 
 def settled_mm(heard, wait_until, old: float, apart: float, log: Callable[[], str]) -> float:
     """The dent when ten surfaces in a row agree and are `apart` (relative) from the old one."""
+    messages: list[PointCloud2] = []
     last: list[float] = []
 
     def steady() -> bool:
         message = heard(*SURFACE)
-        if message is not None:
+        if message is not None and (not messages or message is not messages[-1]):
+            messages.append(message)
             last.append(largest_mm(message))
         dents = np.array(last[-10:])
         same = len(dents) == 10 and np.ptp(dents) < 2e-3 * dents.max()

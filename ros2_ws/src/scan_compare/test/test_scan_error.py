@@ -64,7 +64,7 @@ def test_a_report_opens_offline_and_its_error_map_is_a_scan(
     assert read_scan(out / 'error.ply', 'm').points.shape == (20_000, 3)
     assert len((out / 'error.csv').read_text().splitlines()) == 20_001
     assert not list(out.glob('*.part'))
-    rows = list(csv.DictReader((out / 'comparison.csv').open()))
+    rows = list(csv.DictReader((out / 'comparison.csv').read_text().splitlines()))
     table = {row['statistic']: row for row in rows}
     found = json.loads((out / 'comparison.json').read_text())
     for name, key in (('mean error, area-weighted', 'mean_m'), ('median error', 'median_m'),

@@ -9,7 +9,7 @@ import sys
 import time
 from pathlib import Path
 
-from benchmarks.run import shown
+from benchmarks.run import markdown, shown
 
 ROOT = Path(__file__).resolve().parent.parent
 TABLE = ROOT / 'docs' / 'soak.md'
@@ -74,7 +74,7 @@ def main() -> int:
         seconds = time.monotonic() - start
         rows, figures = kept()
         rows[name] = f'| `{name}` | {title} | {seconds:.0f} | {result} |'
-        figures[name] = '\n'.join(['```', *printed, '```'])
+        figures[name] = markdown(printed)
         names = [check for check in CHECKS if check in rows]
         TABLE.write_text(
             '# Long checks\n\n`make soak` runs them; a row is of the last run of its check.\n\n'

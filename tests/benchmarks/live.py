@@ -300,13 +300,15 @@ def noise_rows(vertices: int, seeds: int = 10) -> list[Row]:
 
 def rows(fine: bool) -> Iterator[Row]:
     """All figures, with `fine` also those of 2 500 vertices."""
-    yield from late_rows(640)
+    # Ticks first: like the node, this process has solved nothing yet.
     yield from tick_rows(640, 0.2)
-    yield from squeeze_rows(640, 20.0)
-    yield from noise_rows(640)
     if fine:
         yield from tick_rows(2500, 0.5)
+    yield from squeeze_rows(640, 20.0)
+    if fine:
         yield from squeeze_rows(2500, 5.0)
+    yield from noise_rows(640)
+    yield from late_rows(640)
 
 
 def main() -> int:

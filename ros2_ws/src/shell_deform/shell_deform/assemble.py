@@ -57,7 +57,13 @@ class Discretisation(ShellPoints):
         positions = writable(positions)
         gradient = np.zeros_like(positions)
         code = THEORIES[theory].code
-        arguments: Any = (code, *self._kernel_arguments(), positions, gradient)
+        arguments: Any = (
+            code,
+            *self._volume_arguments()[:5],
+            *self._wall_arguments(),
+            positions,
+            gradient,
+        )
         return assemble_kernels.shell_gradient(*arguments), gradient
 
     def tangent(
@@ -73,17 +79,12 @@ class Discretisation(ShellPoints):
         positions = writable(positions)
         gradient = np.zeros_like(positions)
         data = np.zeros(len(self.pattern.indices))
-        reference, pattern = self.reference, self.pattern
+        pattern = self.pattern
         arguments: Any = (
             THEORIES[theory].code,
             float(pressure),
             *self._volume_arguments()[:6],
-            reference.tangents,
-            reference.second,
-            reference.curvature,
-            self.weights,
-            self.membrane,
-            self.bending,
+            *self._wall_arguments(),
             positions,
             gradient,
             pattern.block_offsets,
@@ -104,10 +105,9 @@ class Discretisation(ShellPoints):
         arguments: Any = (*self._volume_arguments(), positions, gradient)
         return assemble_kernels.volume_gradient(*arguments), gradient
 
-    def _kernel_arguments(self) -> Any:
+    def _wall_arguments(self) -> Any:
         reference = self.reference
         return (
-            *self._volume_arguments()[:5],
             reference.tangents,
             reference.second,
             reference.curvature,

@@ -11,6 +11,15 @@ from view_browser import choose, enter, legend, numbers, picture, share_of, slid
 from grasp_view.colour_map import TABLE, colour_index
 
 
+@pytest.fixture
+def dented(view, grasp, tab, port: int, wait_until) -> None:
+    """The page, once it shows a dent of 4.8 mm."""
+    grasp().depth = 4.8e-3
+    view()
+    tab.goto(f'http://127.0.0.1:{port}')
+    wait_until(lambda: share_of(picture(tab), TABLE[250], 60) > 0.0005, 60)
+
+
 @pytest.mark.chromium
 def test_the_colours_of_the_surface_are_those_of_the_legend(
     view, grasp, tab, port: int, wait_until
@@ -90,13 +99,8 @@ def test_the_scan_is_coloured_by_its_error(view, grasp, tab, port: int, wait_unt
 
 @pytest.mark.chromium
 def test_every_switch_of_the_page_takes_its_body_away_and_brings_it_back(
-    view, grasp, tab, port: int, wait_until
+    dented, tab, wait_until
 ) -> None:
-    squeezed = grasp()
-    squeezed.depth = 4.8e-3
-    view()
-    tab.goto(f'http://127.0.0.1:{port}')
-    wait_until(lambda: share_of(picture(tab), TABLE[250], 60) > 0.0005, 60)
     tab.get_by_text('Show', exact=True).click()
     for label in (
         'Rest shape', 'Lines of equal displacement', 'Mesh lines', 'Forces', 'Hand',
@@ -110,30 +114,16 @@ def test_every_switch_of_the_page_takes_its_body_away_and_brings_it_back(
 
 
 @pytest.mark.chromium
-def test_each_theory_alone_is_coloured_by_its_own_displacement(
-    view, grasp, tab, port: int, wait_until
-) -> None:
-    squeezed = grasp()
-    squeezed.depth = 4.8e-3  # linear theory: half of it
-    view()
-    tab.goto(f'http://127.0.0.1:{port}')
+def test_each_theory_alone_is_coloured_by_its_own_displacement(dented, tab, wait_until) -> None:
     light = TABLE[250]
-    wait_until(lambda: share_of(picture(tab), light, 60) > 0.0005, 60)
-    choose(tab, 'Answer', 'linear')
+    choose(tab, 'Answer', 'linear')  # half the depth
     wait_until(lambda: share_of(picture(tab), light, 60) == 0.0, 60)
     choose(tab, 'Answer', 'nonlinear')
     wait_until(lambda: share_of(picture(tab), light, 60) > 0.0005, 60)
 
 
 @pytest.mark.chromium
-def test_exaggeration_moves_the_surface_and_not_the_numbers(
-    view, grasp, tab, port: int, wait_until
-) -> None:
-    squeezed = grasp()
-    squeezed.depth = 4.8e-3
-    view()
-    tab.goto(f'http://127.0.0.1:{port}')
-    wait_until(lambda: share_of(picture(tab), TABLE[250], 60) > 0.0005, 60)
+def test_exaggeration_moves_the_surface_and_not_the_numbers(dented, tab, wait_until) -> None:
     before, shown = picture(tab), legend(tab)
     enter(tab, 'Exaggerate', 4.0)
     wait_until(lambda: (np.abs(picture(tab) - before).max(axis=2) > 20).mean() > 0.01, 60)

@@ -18,7 +18,6 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from array import array
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -32,17 +31,18 @@ from diagnostic_msgs.msg import DiagnosticArray
 from figures import Row, show
 from geometry_msgs.msg import Point
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh, MeshTriangle
 from websockets.sync.client import connect
 
-from grasp_replay.report import RowScene, write_report
+sys.path.append(str(Path(__file__).parents[2] / 'ros2_ws/src/grasp_view/test'))
+from view_grasp import RADIUS, SURFACE_FIELDS, cloud  # noqa: E402
+
+from grasp_replay.report import RowScene, write_report  # noqa: E402
 
 BINARIES = Path(sys.executable).parent
 DOMAIN = '96'
 WATCHED_S = 15.0
-FIELDS = ('x', 'y', 'z', 'ux', 'uy', 'uz', 'displacement', 'sigma')
-RADIUS = 0.03125
 # The page counts a browser once it has told where it looks from.
 CAMERA = {
     'type': 'ViewerCameraMessage',
@@ -56,25 +56,6 @@ CAMERA = {
     'look_at': (0.0, 0.0, 0.0),
     'up_direction': (0.0, 0.0, 1.0),
 }
-
-
-def cloud(columns: np.ndarray, names: Sequence[str], stamp: object) -> PointCloud2:
-    """Float32 columns (n, f) as a cloud in the object's frame."""
-    data = np.ascontiguousarray(columns, dtype='<f4')
-    message = PointCloud2(
-        height=1,
-        width=len(data),
-        point_step=4 * len(names),
-        row_step=data.nbytes,
-        fields=[
-            PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
-            for k, name in enumerate(names)
-        ],
-        data=array('B', data.tobytes()),
-    )
-    message.header.stamp = stamp
-    message.header.frame_id = 'object'
-    return message
 
 
 def publish() -> None:
@@ -113,7 +94,7 @@ def publish() -> None:
             [rest + moved, moved, np.linalg.norm(moved, axis=1), np.full(len(moved), 1e-5)]
         )
         for name in ('surface', 'linear', 'nonlinear'):
-            clouds[f'deformation/{name}'].publish(cloud(columns, FIELDS, stamp))
+            clouds[f'deformation/{name}'].publish(cloud(columns, SURFACE_FIELDS, stamp))
 
     def contacts() -> None:
         names = ('x', 'y', 'z', 'nx', 'ny', 'nz', 'fx', 'fy', 'fz', 'sigma_n', 'radius')

@@ -27,6 +27,7 @@ SURFACE_FIELDS = ('x', 'y', 'z', 'ux', 'uy', 'uz', 'displacement', 'sigma')
 
 
 def cloud(columns: np.ndarray, names: tuple[str, ...], stamp: object) -> PointCloud2:
+    """Float32 columns (n, f) as a cloud in the object's frame."""
     data = np.ascontiguousarray(columns, dtype='<f4')
     message = PointCloud2(
         height=1,

@@ -36,6 +36,19 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files that start processes come first: one of these at the end would idle a core."""
+    long = {item.path for item in items if {'start', 'open_tab'} & set(item.fixturenames)}
+    items.sort(key=lambda item: item.path not in long)
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """A test that passed at its second try says why it failed at the first."""
+    for report in terminalreporter.stats.get('rerun', []):
+        terminalreporter.section(f'first try of {report.nodeid}')
+        terminalreporter.write_line(report.longreprtext)
+
+
 @pytest.fixture
 def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A ROS domain id that no other test on this machine holds, also across test runs."""

@@ -19,8 +19,9 @@ from .colour_map import legend_html, three_digits
 from .plot_panel import PlotPanel
 from .replay_panel import ReplayPanel, ReplayState
 from .scene_model import DISPLACEMENT, QUANTITIES, SHAPES, Snapshot
-from .scene_view import SCAN_CHOICES, Legend, SceneView, ViewOptions
+from .scene_view import Legend, SceneView
 from .time_series import History, TimeSeries
+from .view_options import SCAN_CHOICES, ViewOptions
 from .windows import Windows
 
 Command = Callable[[str], None]

@@ -7,7 +7,6 @@ metres. Only what has changed since the last call is sent.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import viser
@@ -21,7 +20,6 @@ from .scene_model import (
     Arrow,
     Mesh,
     Quantity,
-    Shape,
     Snapshot,
     Surface,
     arrows,
@@ -34,35 +32,17 @@ from .scene_model import (
 )
 from .smooth_faces import SmoothFaces
 from .unlit_mesh import unlit_glb
+from .view_options import ViewOptions
 from .windows import Windows
 
 SCALE = 20.0
 METRES_PER_NEWTON = 1.2e-3
 LABELS = 8
 REST_MOVED_M = 2e-5
+UNSEEN_M = 2e-6
+"""A surface that moved less than this since it was drawn is not sent again: a pixel is wider."""
 HAND_OPACITY = 0.5
 FORCE, FLAGGED = (20, 20, 20), (200, 60, 20)
-
-
-ScanChoice = Literal['with scan error', 'always', 'never']
-SCAN_CHOICES: tuple[ScanChoice, ...] = ('with scan error', 'always', 'never')
-
-
-@dataclass(frozen=True)
-class ViewOptions:
-    """What the visitor chose to see."""
-
-    quantity: Quantity
-    shape: Shape = 'served'
-    exaggeration: float = 1.0
-    rest: bool = True
-    depth_lines: bool = True
-    mesh_lines: bool = False
-    contacts: bool = True
-    scan: ScanChoice = 'with scan error'
-    hand: bool = True
-    cones: bool = False
-    friction: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -106,6 +86,7 @@ class SceneView:
         self._bodies: dict[str, viser.BoxHandle] = {}
         self._labels: list[viser.LabelHandle] = []
         self._drawn: dict[str, object] = {}
+        self._seen: tuple[Floats, Floats | None, float] | None = None
         self._aim = Aim(server, windows)
         self._faces: tuple[Mesh, SmoothFaces] | None = None
         self._rest_drawn: Floats | None = None
@@ -149,25 +130,26 @@ class SceneView:
             self._hide(*self._surfaces, self._lines, self._depth)
             self._drawn.pop('surface', None)
             self._legend = None
+            self._seen = None
             return Legend(quantity, scale.top, 0.0)
-        if self._legend is not None and not self._changed(
-            'surface',
-            snapshot.mesh,
-            surface,
-            quantity,
-            options.exaggeration,
-            options.depth_lines,
-            options.mesh_lines,
-            snapshot.linear,
-            snapshot.nonlinear,
-            snapshot.scan_error,
-        ):
+        asked = self._changed(
+            'picture', snapshot.mesh, quantity, options.exaggeration, options.depth_lines,
+            options.mesh_lines, options.shape,
+        )  # fmt: skip
+        arrived = self._changed(
+            'surface', surface, snapshot.linear, snapshot.nonlinear, snapshot.scan_error
+        )
+        if self._legend is not None and not asked and not arrived:
             self._turn()
             return self._legend
         values = values_of(snapshot, quantity, options.shape)
         most = largest(values)
         top = scale.follow(most)
         vertices = deformed(surface, options.exaggeration) * SCALE
+        if self._legend is not None and not asked and self._still(vertices, values, top):
+            self._turn()
+            return self._legend
+        self._seen = vertices, values, top
         faces = self._smooth(snapshot.mesh)
         fine = faces.positions(vertices)
         shown = None if values is None else faces.values(values)
@@ -179,6 +161,19 @@ class SceneView:
         self._legend = Legend(quantity, top, most, step, gaps)
         self.drawn += 1
         return self._legend
+
+    def _still(self, vertices: Floats, values: Floats | None, top: float) -> bool:
+        """Whether nobody could tell this surface from the one on the screen."""
+        if self._seen is None:
+            return False
+        before, shades, scale = self._seen
+        if scale != top or before.shape != vertices.shape:
+            return False
+        if np.abs(before - vertices).max(initial=0.0) > UNSEEN_M * SCALE:
+            return False
+        if values is None or shades is None:
+            return values is shades
+        return bool(np.allclose(values, shades, rtol=0.0, atol=top / 512, equal_nan=True))
 
     def _smooth(self, mesh: Mesh) -> SmoothFaces:
         if self._faces is None or self._faces[0] is not mesh:

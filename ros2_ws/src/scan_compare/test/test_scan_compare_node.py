@@ -14,6 +14,8 @@ import pytest
 from scan_observer import ScanObserver
 from scan_shells import ball, scan_points, two_dents
 
+from scan_compare.deformed_surface import DeformedSurface
+
 SECOND = 1_000_000_000
 LONG = 240.0
 """Patience [s] with much work for a process that yields to all others."""
@@ -47,9 +49,8 @@ def test_a_scan_is_compared_with_the_surface_of_its_own_time(
 ) -> None:
     serve()
     observer.send_mesh(GRASP)
-    for second in range(1, 9):
-        observer.send_surface(GRASP if second < 5 else DEEPER, second * SECOND)
-    observer.wait(lambda: observer.values.get('surfaces kept') == '8')
+    surfaces = {second * SECOND: GRASP if second < 5 else DEEPER for second in range(1, 9)}
+    observer.wait(lambda: surfaces_taken(observer, surfaces, 8))
     points = scan_points(GRASP, 20_000)
     observer.send_scan(points, 3 * SECOND)
     observer.wait(lambda: observer.errors and len(observer.numbers) == 3)
@@ -105,8 +106,8 @@ def test_a_comparing_process_that_stands_still_holds_nothing_up(
         observer.wait(lambda: observer.values.get('busy') == 'True')
         assert observer.get_parameter('object') == 'tennis_ball'
         for count in (1, 2, 3):
-            stamp = (2 + count) * SECOND
-            observer.wait(lambda: surface_taken(observer, stamp, count))  # noqa: B023
+            surface = {(2 + count) * SECOND: GRASP}
+            observer.wait(lambda: surfaces_taken(observer, surface, count))  # noqa: B023
     finally:
         os.kill(child, signal.SIGCONT)
     assert not observer.errors
@@ -120,9 +121,12 @@ def comparing_processes(node: Any) -> list[int]:
     return [c for c in found if 'spawn_main' in Path(f'/proc/{c}/cmdline').read_text()]
 
 
-def surface_taken(observer: ScanObserver, stamp_ns: int, count: int) -> bool:
+def surfaces_taken(
+    observer: ScanObserver, surfaces: dict[int, DeformedSurface], count: int
+) -> bool:
     # again and again: the topic is best effort
-    observer.send_surface(GRASP, stamp_ns)
+    for stamp_ns, surface in surfaces.items():
+        observer.send_surface(surface, stamp_ns)
     return observer.values.get('surfaces kept') == str(count)
 
 

@@ -12,25 +12,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.live.exchange import MAX_CONTACTS, Slot
-from shell_deform.live.fusion import ErrorModel, Measured, Posterior, Response, fuse
+from shell_deform.live.adopted import Adopted
+from shell_deform.live.exchange import Slot
+from shell_deform.live.fusion import ErrorModel, Measured, Posterior, fuse
 from shell_deform.live.linearity import linear_error
-from shell_deform.live.pose import IDENTITY, Pose, pose_of
+from shell_deform.live.load_request import write_load
+from shell_deform.live.pose import IDENTITY, Pose
+from shell_deform.live.release import nearer_to_rest, pressing
 from shell_deform.live.sample import ContactSample, one_row_per_finger
 from shell_deform.live.serve_kernel import FIELDS, NONLINEAR_FIELDS, serve
 
 Array = NDArray[np.float64]
 
-BEND_REACH = 3.0
-"""The second-order field is trusted to this many times the step it was measured over."""
-
-WIDEST_GAUGE = 1.0
-"""However far the tangent is left behind, a gauge stays better than this [N]."""
-
 UNKNOWN_DENT = 5e-3
 """What a contact of unknown travel may have dented before anything is known of it [m]."""
-
-DRIVE_CODES = {'force': 0, 'motion': 1, 'fused': 2}
 
 
 @dataclass(frozen=True)
@@ -70,81 +65,6 @@ class Served:
     unknown: tuple[int, ...]
 
 
-class Adopted:
-    """A result slot, unpacked once for many ticks. Arrays of n vertices stay views."""
-
-    def __init__(self, slot: Slot) -> None:
-        record = slot.record
-        k, r = int(record['contacts']), int(record['rigid_count'])
-        j = 3 * k + r + 1
-        self.slot = slot
-        self.stamp = int(record['stamp'])
-        self.generation = int(record['generation'])
-        self.fingers = record['finger'][:k].astype(np.int64)
-        self.response = Response(
-            force=record['force'][:k].copy(),
-            displacement=record['displacement'][:k].copy(),
-            travel_offset=record['travel_offset'][:k].copy(),
-            rigid=record['rigid'][:r].copy(),
-            rigid_scale=float(record['rigid_scale']),
-            reaction=record['reaction'][: 2 * k].copy(),
-            lateral=record['lateral'][: 2 * k].copy(),
-            rigid_reaction=record['rigid_reaction'][:r].copy(),
-            displacement_by=record['displacement_by'][:k, :j].copy(),
-            reaction_by=record['reaction_by'][: 2 * k, :j].copy(),
-            rigid_by=record['rigid_by'][:r, :j].copy(),
-        )
-        self.energy = float(record['energy'])
-        self.share = float(record['share'])
-        self.stable = bool(record['stable'])
-        self.snap_margin = float(record['snap_margin'])
-        self.message = bytes(record['message']).decode(errors='replace')
-        self.linear_compliance = record['linear_compliance'][:k, :k].copy()
-        self.second_order = record['second_order'][:k, : k * (k + 1) // 2].copy()
-        self.columns = slot.input_columns()
-        self.linear_columns = slot.linear_columns()
-        self.bend_direction = record['bend_direction'][:k].copy()
-        self.bend_offset = float(record['bend_offset'])
-        self.bend_reach = float(record['bend_reach'])
-        self.third_reach = float(record['third_reach'])
-        self.push_bend = record['push_bend'][:k].copy()
-        along = np.einsum('ni,ni->n', slot.normals, slot.bend)
-        self.worst_bend = float(np.abs(along).max(initial=0.0))
-        self.worst_third = float(slot.third.max(initial=0.0))
-        self.pose = pose_of(record['pose'])
-        self.pose_root = _root(record['pose_covariance'])
-
-    def bend(self, moved: Array) -> tuple[float, float, float]:
-        """Inputs of the second-order field for moved contacts (k,) [m].
-
-        Returns what it is multiplied with and how much of that is uncertain [m^2], and the input
-        of the unknown third order [m^3]. The field was measured between the last two equilibria
-        and serves along that direction.
-        """
-        along = float(self.bend_direction @ moved)
-        reach = BEND_REACH * self.bend_reach
-        used = min(max(along, -reach), reach)
-        offset = self.bend_offset
-        value = (offset + used) ** 2 - offset**2
-        rest = float(moved @ moved) - used * used
-        return value, max(rest, 0.0), abs(self._cube(offset + along) - self._cube(offset))
-
-    def doubted(self, measured: Measured) -> Measured:
-        """The same with wider gauges.
-
-        The tangent does not know how the push bends away from it: over a long step a gauge would
-        outvote the encoders with the error of the tangent.
-        """
-        step = measured.travel + self.response.travel_offset - self.response.displacement
-        square = float(np.nansum(np.where(measured.present, step * step, 0.0)))
-        bent = np.minimum(np.abs(self.push_bend) * square, WIDEST_GAUGE)
-        return replace(measured, sigma_push=np.hypot(measured.sigma_push, bent))
-
-    def _cube(self, step: float) -> float:
-        """Third power of a short step [m^3], growing less for one beyond `third_reach`."""
-        return step**3 / (1.0 + abs(step) / self.third_reach)
-
-
 class Estimator:
     """The tick and what it remembers between samples."""
 
@@ -158,6 +78,8 @@ class Estimator:
         self.posterior: Posterior | None = None
         self.measured: Measured | None = None
         self.sample: ContactSample | None = None
+        self._push = np.zeros(0)
+        self._push_root = np.zeros((0, 0))
         n = len(rest)
         self._packed = np.zeros((n, len(FIELDS)), dtype=np.float32)
         self._packed_linear = np.zeros_like(self._packed)
@@ -190,19 +112,21 @@ class Estimator:
     def tick(self, sample: ContactSample) -> Served:
         """Answer one sample; see `Served`."""
         merged = one_row_per_finger(sample, self.settings.default_radius)
+        merged = pressing(merged, self.settings.errors)
         self.sample = merged
         adopted = self.adopted
         if adopted is None or not len(adopted.fingers) or not len(merged.finger):
             return self._serve_rest(merged)
         response = adopted.response
         measured = self._measured(adopted, merged)
+        if nearer_to_rest(response, measured):
+            return self._serve_from_rest(adopted, measured, merged)
         posterior = fuse(self.settings.errors, response, adopted.doubted(measured))
         self.posterior, self.measured = posterior, measured
         k = len(adopted.fingers)
         inputs = posterior.inputs
         moved = response.displacement_by @ inputs
-        known = set(adopted.fingers.tolist())
-        unknown = tuple(f for f in merged.finger.tolist() if f not in known)
+        unknown = _unknown(adopted, merged)
         doubt = _doubt(merged, unknown)
         bend, bend_error, third = adopted.bend(moved)
         pose = self.pose_in_use
@@ -226,6 +150,7 @@ class Estimator:
         )
         force = response.force + inputs[:k]
         displacement = response.displacement + moved
+        self._push, self._push_root = force, posterior.root[:k]
         return Served(
             stamp=sample.stamp,
             packed=self._packed,
@@ -246,14 +171,12 @@ class Estimator:
 
     def linear(self) -> NDArray[np.float32]:
         """The paper's linear theory from rest under the pushes of the last tick, packed (n, 8)."""
-        adopted, posterior = self.adopted, self.posterior
-        if adopted is None or posterior is None or not len(adopted.fingers):
+        adopted = self.adopted
+        if adopted is None or len(self._push) != len(adopted.fingers) or not len(self._push):
             self._pack_rest(self._packed_linear)
             return self._packed_linear
-        k = len(adopted.fingers)
-        force = adopted.response.force + posterior.inputs[:k]
         self._pack(
-            self._packed_linear, self.rest, adopted.linear_columns, force, posterior.root[:k]
+            self._packed_linear, self.rest, adopted.linear_columns, self._push, self._push_root
         )
         return self._packed_linear
 
@@ -274,41 +197,12 @@ class Estimator:
 
     def fill_request(self, record: np.void) -> None:
         """Write the load case of the last tick into a mailbox record."""
-        sample, adopted, errors = self.sample, self.adopted, self.settings.errors
-        assert sample is not None
-        count = min(len(sample.finger), MAX_CONTACTS)
-        record['stamp'] = sample.stamp
-        record['drive'] = DRIVE_CODES[errors.drive]
-        record['contacts'] = count
-        record['tendon'] = errors.tendon
-        record['placed'] = int(self.pose is not None)
-        if self.pose is not None:
-            record['pose'] = self.pose.numbers
-        force = sample.push[:count]
-        displacement = np.full(count, np.nan)
-        record['generation'] = 0
-        posterior = self.posterior
-        if adopted is not None and posterior is not None and len(adopted.fingers):
-            record['generation'] = adopted.generation
-            response, k = adopted.response, len(adopted.fingers)
-            if len(posterior.inputs) == response.displacement_by.shape[1]:
-                index = np.searchsorted(adopted.fingers, sample.finger[:count])
-                known = index < k
-                known[known] = adopted.fingers[index[known]] == sample.finger[:count][known]
-                force = force.copy()
-                force[known] = (response.force + posterior.inputs[:k])[index[known]]
-                moved = response.displacement + response.displacement_by @ posterior.inputs
-                displacement[known] = moved[index[known]]
-                r = len(response.rigid)
-                record['rigid'][:r] = response.rigid + posterior.inputs[3 * k : 3 * k + r]
-        touch = record['touch']
-        touch['finger'][:count] = sample.finger[:count]
-        touch['point'][:count] = sample.point[:count]
-        touch['normal'][:count] = sample.normal[:count]
-        touch['radius'][:count] = sample.radius[:count]
-        touch['force'][:count] = force
-        touch['travel'][:count] = sample.travel[:count]
-        touch['displacement'][:count] = displacement
+        assert self.sample is not None
+        errors = self.settings.errors
+        write_load(
+            record, self.sample, errors.drive, errors.tendon, self.pose, self.adopted,
+            self.posterior,
+        )  # fmt: skip
 
     def _measured(self, adopted: Adopted, sample: ContactSample) -> Measured:
         """The sample's values in the order of the known contacts."""
@@ -335,6 +229,7 @@ class Estimator:
     def _serve_rest(self, sample: ContactSample) -> Served:
         """Nothing presses, or nothing is known of what presses."""
         self.posterior = self.measured = None
+        self._push = np.zeros(0)
         unknown = tuple(sample.finger.tolist())
         doubt = _doubt(sample, unknown)
         self._pack_rest(self._packed, doubt)
@@ -343,6 +238,40 @@ class Estimator:
             sample.stamp, self._packed, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, '', doubt, empty, empty,
             unknown,
         )  # fmt: skip
+
+    def _serve_from_rest(
+        self, adopted: Adopted, measured: Measured, sample: ContactSample
+    ) -> Served:
+        """Linear theory from rest, the better tangent here; sigma has what it is known to miss."""
+        known = replace(measured, sigma_tangential=np.full_like(measured.sigma_tangential, np.inf))
+        found = fuse(self.settings.errors, adopted.at_rest, known)
+        self.posterior = self.measured = None
+        k = len(adopted.fingers)
+        self._push, self._push_root = found.inputs[:k], found.root[:k]
+        displacement = adopted.linear_compliance @ self._push
+        missed = linear_error(
+            adopted.linear_compliance, adopted.second_order, self._push, displacement
+        )
+        unknown = _unknown(adopted, sample)
+        doubt = _doubt(sample, unknown) + missed * float(np.abs(displacement).max())
+        largest = self._pack(
+            self._packed, self.rest, adopted.linear_columns, self._push, self._push_root, doubt
+        )
+        return Served(
+            stamp=sample.stamp,
+            packed=self._packed,
+            max_displacement=largest,
+            linearity=missed,
+            strain_energy=0.5 * float(self._push @ displacement),
+            nonlinear_age=1e-9 * (sample.stamp - adopted.stamp),
+            snap_margin=1.0,
+            contradiction=found.contradiction,
+            suspect=found.suspect,
+            extrapolation=doubt,
+            force=self._push,
+            displacement=displacement,
+            unknown=unknown,
+        )
 
     def _pack_rest(self, packed: NDArray[np.float32], doubt: float = 0.0) -> None:
         """Fill `packed` with the unloaded surface."""
@@ -356,13 +285,13 @@ class Estimator:
         inputs: Array,
         root: Array,
         doubt: float = 0.0,
-    ) -> None:
-        """Fill `packed` without error of a linear step."""
+    ) -> float:
+        """Fill `packed` with `doubt` [m] as the only error; returns the largest displacement."""
         pose = self.pose_in_use
         at_rest = surface is self.rest or self.adopted is None
         normals = self.rest_normals if at_rest else self._adopted_normals()
         pose_root = self.adopted.pose_root if self.adopted is not None else np.zeros((6, 0))
-        serve(
+        return serve(
             self.rest, surface, normals, columns, inputs, np.ascontiguousarray(root),
             self._no_bend, 0.0, 0.0, self._no_third, 0.0, doubt,
             pose.rotation, pose.translation, pose_root, packed,
@@ -373,16 +302,15 @@ class Estimator:
         return self.adopted.slot.normals
 
 
+def _unknown(adopted: Adopted, sample: ContactSample) -> tuple[int, ...]:
+    """Fingers in contact that the background process has not taken up yet."""
+    known = set(adopted.fingers.tolist())
+    return tuple(f for f in sample.finger.tolist() if f not in known)
+
+
 def _doubt(sample: ContactSample, unknown: tuple[int, ...]) -> float:
     """How far contacts that the background process has not taken up yet may have dented [m]."""
     if not unknown:
         return 0.0
     travel = np.abs(sample.travel[np.isin(sample.finger, unknown)])
     return float(np.where(np.isfinite(travel), travel, UNKNOWN_DENT).max())
-
-
-def _root(covariance: Array) -> Array:
-    """(6, i) root of a covariance, without its null space."""
-    values, vectors = np.linalg.eigh(covariance)
-    keep = values > 1e-18
-    return np.ascontiguousarray(vectors[:, keep] * np.sqrt(values[keep]))

@@ -12,8 +12,6 @@ from shell_deform.live.pose import Pose, pose_of
 
 Array = NDArray[np.float64]
 
-DRIVE_FORCE = 0
-
 
 @dataclass(frozen=True)
 class Load:

@@ -15,7 +15,8 @@ from shell_deform.live.contact_tracking import ContactTracker, Touch
 from shell_deform.live.energy_density import EnergyDensity
 from shell_deform.live.exchange import MAX_CONTACTS, MAX_RIGID, Slot
 from shell_deform.live.linearity import SmallLoads, small_loads
-from shell_deform.live.load_case import DRIVE_FORCE, Load
+from shell_deform.live.load_case import Load
+from shell_deform.live.load_request import DRIVE_FORCE
 from shell_deform.live.placement import Placement, place
 from shell_deform.live.pose import IDENTITY, Pose
 from shell_deform.live.tracking import EquilibriumTracker, Target, TrackingOptions

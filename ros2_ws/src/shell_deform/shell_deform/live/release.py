@@ -1,0 +1,76 @@
+"""What the tick does when fingers let go: who still presses, and when rest is the better tangent.
+
+A hand reports a contact for a while after its finger has left, and its encoders go on: taken at
+their word they would pull the shell outward and carry it along. And a shell released faster than
+the background process follows is soon nearer to rest than to the last equilibrium; there the
+linear theory from rest is the better tangent.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.live.fusion import ErrorModel, Measured, Response
+from shell_deform.live.sample import FLAG_NO_GAUGE, ContactSample
+
+Array = NDArray[np.float64]
+
+CERTAIN = 3.0
+"""Standard deviations by which a finger has gone back, or pushes, before that is believed."""
+
+
+def pressing(sample: ContactSample, model: ErrorModel) -> ContactSample:
+    """The rows of fingers that have not left.
+
+    A finger has left when it stands behind the place of its first touch and pushes no more than
+    its gauge's noise. Where the drive ignores motion the gauge alone says how much presses.
+    """
+    if model.drive == 'force':
+        return sample
+    spread = np.hypot(np.nan_to_num(sample.sigma_travel, nan=model.default_travel), model.mounting)
+    # A travel that is not known (NaN) is never behind.
+    behind = sample.travel < -CERTAIN * spread
+    if not behind.any():
+        return sample
+    blind = (sample.flags & FLAG_NO_GAUGE) != 0
+    slack = blind | (sample.push < CERTAIN * model.push_sigma(sample.sigma_normal))
+    return sample.rows(~(behind & slack))
+
+
+def nearer_to_rest(response: Response, measured: Measured) -> bool:
+    """Whether the contacts (k,) are now nearer to the undeformed shell than to the equilibrium.
+
+    A finger that is gone has let its dent spring back; where no motion is known the dent goes
+    with the push.
+    """
+    there = response.displacement
+    force = np.maximum(response.force, 1e-9)
+    by_push = there * np.clip(measured.push / force, 0.0, 2.0)
+    now = measured.travel + response.travel_offset
+    now = np.where(np.isfinite(now), now, by_push)
+    now = np.where(measured.present, now, 0.0)
+    return float(now @ now) < float((now - there) @ (now - there))
+
+
+def rest_response(response: Response, compliance: Array) -> Response:
+    """The same contacts about rest: `compliance` (k, k) [m/N] of their pushes, nothing else moves.
+
+    What the fingers stand away from their dents (`travel_offset`) is kept: it is the pose.
+    """
+    k = len(response.force)
+    displacement_by = np.zeros((k, 3 * k + 1))
+    displacement_by[:, :k] = compliance
+    return Response(
+        force=np.zeros(k),
+        displacement=np.zeros(k),
+        travel_offset=response.travel_offset,
+        rigid=np.zeros(0),
+        rigid_scale=response.rigid_scale,
+        reaction=np.zeros(2 * k),
+        lateral=response.lateral,
+        rigid_reaction=np.zeros(0),
+        displacement_by=displacement_by,
+        reaction_by=np.zeros((2 * k, 3 * k + 1)),
+        rigid_by=np.zeros((0, 3 * k + 1)),
+    )

@@ -98,7 +98,11 @@ def running(*command: str) -> Iterator[subprocess.Popen]:
         yield process
     finally:
         process.terminate()
-        process.wait(20)
+        try:
+            process.wait(20)
+        except subprocess.TimeoutExpired:
+            # rclpy may miss a signal that comes while it prepares to wait.
+            process.kill()
 
 
 def deformation(*parameters: str) -> contextlib.AbstractContextManager[subprocess.Popen]:

@@ -81,7 +81,7 @@ class DeformationNode(Node):
         self._reader = messages.ContactReader()
         self._topics = DeformationTopics(self)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._silence = self.create_timer(self.watch.deadline, self._look, clock=steady)
+        self._silence = self.create_timer(self.watch.deadline, self._listen, clock=steady)
         self._marker_timer = self.create_timer(MARKER_PERIOD_S, self._show_marker, clock=steady)
         self.create_timer(TEND_PERIOD_S, self._tend, clock=steady)
         self.create_timer(1.0, self._diagnose, clock=steady)
@@ -156,7 +156,6 @@ class DeformationNode(Node):
             self._unusable = str(error)
             self.get_logger().error(str(error), throttle_duration_sec=5.0)
             self._topics.state(self.watch.refused(now))
-            self._await_next()
             return
         arrival = figures.stamps.arrived(sample.stamp, now)
         if arrival is Arrival.REPEATED:
@@ -167,7 +166,6 @@ class DeformationNode(Node):
         self._frame = self._given_frame or message.header.frame_id
         state = self.watch.sample(sample, now)
         self._topics.state(state)
-        self._await_next()
         estimator = self.estimator
         if estimator is None or not state.is_served:
             return
@@ -185,13 +183,6 @@ class DeformationNode(Node):
         self._publish_more(estimator, served, slot is not None)
         if not figures.first_surface:
             figures.first_surface = process_age()
-
-    def _await_next(self) -> None:
-        """The next sample has until the deadline, then the node looks at the silence."""
-        period = int(1e9 * self.watch.deadline)
-        if abs(period - self._silence.timer_period_ns) > 0.01 * period:
-            self._silence.timer_period_ns = period
-        self._silence.reset()
 
     def _post(self, estimator: Estimator) -> None:
         record = self._request[0]
@@ -248,6 +239,12 @@ class DeformationNode(Node):
 
     def _look(self) -> None:
         self._topics.state(self.watch.look(time.monotonic(), self._somebody_publishes))
+
+    def _listen(self) -> None:
+        """Look when the newest sample's time is up; resetting the timer at each would wake us."""
+        self._look()
+        self._silence.timer_period_ns = int(1e9 * self.watch.remaining(time.monotonic()))
+        self._silence.reset()
 
     def _tend(self) -> None:
         self._look()

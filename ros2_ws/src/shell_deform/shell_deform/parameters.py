@@ -38,7 +38,13 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter('object', 'tennis_ball', 'name of a shipped object, or an object file'),
     Parameter('theory', 'koiter', 'strain measure of the nonlinear answer', choices=NONLINEAR),
     Parameter('control_vertices', 0, "control vertices; 0: the object file's own", 0, 20000),
-    Parameter('background_niceness', 10, 'niceness of the background process', 0, 19),
+    Parameter(
+        'background_niceness',
+        10,
+        'niceness of the background process where it cannot work in the idle class',
+        0,
+        19,
+    ),  # fmt: skip
     Parameter(
         'object_pose',
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0],

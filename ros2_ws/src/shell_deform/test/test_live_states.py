@@ -221,3 +221,10 @@ def test_to_and_from_the_object_are_inverse(turn, shift, point):
 def test_numbers_that_are_no_pose_are_refused(numbers):
     with pytest.raises(PoseError):
         pose_of(numbers)
+
+
+def test_what_is_left_of_a_deadline_is_told_and_a_whole_one_after_it():
+    watch = Watch(periods=3.0, floor=0.0)
+    last = fed(watch)
+    assert watch.remaining(last + PERIOD) == pytest.approx(2 * PERIOD)
+    assert watch.remaining(last + 50 * PERIOD) == pytest.approx(watch.deadline)

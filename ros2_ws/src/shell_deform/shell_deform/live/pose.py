@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,7 @@ class Pose:
         """Points (p, 3) of the object's frame in that of the contacts."""
         return points @ self.rotation.T + self.translation
 
-    @property
+    @cached_property
     def numbers(self) -> Array:
         """(7,) x y z qx qy qz qw."""
         return np.concatenate([self.translation, quaternion(self.rotation)])

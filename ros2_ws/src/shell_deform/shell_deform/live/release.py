@@ -26,10 +26,10 @@ def pressing(sample: ContactSample, model: ErrorModel) -> ContactSample:
     A finger has left when it stands behind the place of its first touch and pushes no more than
     its gauge's noise. Where the drive ignores motion the gauge alone says how much presses.
     """
-    if model.drive == 'force':
+    # A travel that is not known (NaN) is never behind.
+    if model.drive == 'force' or not (sample.travel < 0.0).any():
         return sample
     spread = np.hypot(np.nan_to_num(sample.sigma_travel, nan=model.default_travel), model.mounting)
-    # A travel that is not known (NaN) is never behind.
     behind = sample.travel < -CERTAIN * spread
     if not behind.any():
         return sample

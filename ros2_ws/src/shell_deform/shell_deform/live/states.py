@@ -82,6 +82,11 @@ class Watch:
             return self.no_hand
         return max(self.periods * self.period, self.floor)
 
+    def remaining(self, now: float) -> float:
+        """How long silence may last yet at steady time `now` [s]; a whole deadline when over."""
+        left = self._last + self.deadline - now
+        return left if left > 0 else self.deadline
+
     def look(self, now: float, somebody_publishes: bool) -> LiveState:
         """Time passed; `now` is steady [s]."""
         silence = now - self._last

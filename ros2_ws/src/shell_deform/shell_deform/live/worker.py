@@ -20,6 +20,7 @@ import sys
 import numpy as np
 
 from shell_deform.building import build_model
+from shell_deform.live.courtesy import Courtesy
 from shell_deform.live.exchange import Layout, SharedMemory, create
 from shell_deform.live.load_case import load_of
 from shell_deform.live.solving import LiveSolver
@@ -62,6 +63,7 @@ class Loop:
         self.resets = 0
         self.results = 0
         self.failures = 0
+        self.courtesy = Courtesy()
 
     def run(self, connection: socket.socket) -> None:
         """Wait for load cases; returns when `connection` closes."""
@@ -71,7 +73,7 @@ class Loop:
                 return
             if self.event in ready:
                 self.dropped += os.eventfd_read(self.event) - 1
-                self.serve_newest()
+                self.courtesy.run(self.serve_newest)
 
     def serve_newest(self) -> None:
         """Solve the newest load case and publish: first the state, then its own columns."""

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from shell_deform.live.exchange import Slot
 from shell_deform.live.fusion import Measured, Response
+from shell_deform.live.linearity import linear_error
 from shell_deform.live.pose import pose_of
 from shell_deform.live.release import rest_response
 
@@ -54,6 +55,7 @@ class Adopted:
         self.second_order = record['second_order'][:k, : k * (k + 1) // 2].copy()
         self.columns = slot.input_columns()
         self.linear_columns = slot.linear_columns()
+        self.rest_stiffness = np.linalg.pinv(self.linear_compliance)
         self.at_rest = rest_response(self.response, self.linear_compliance)
         self.bend_direction = record['bend_direction'][:k].copy()
         self.bend_offset = float(record['bend_offset'])
@@ -80,6 +82,17 @@ class Adopted:
         value = (offset + used) ** 2 - offset**2
         rest = float(moved @ moved) - used * used
         return value, max(rest, 0.0), abs(self._cube(offset + along) - self._cube(offset))
+
+    def missed(self, moved: Array) -> float:
+        """Error estimate [m], at the worst vertex, of the step of the contacts by `moved` (k,)."""
+        _, bend_error, third = self.bend(moved)
+        return self.worst_bend * bend_error + self.worst_third * third
+
+    def missed_from_rest(self, displacement: Array) -> float:
+        """The same of linear theory from rest for contacts displaced by (k,) [m]."""
+        push = self.rest_stiffness @ displacement
+        share = linear_error(self.linear_compliance, self.second_order, push, displacement)
+        return share * float(np.abs(displacement).max())
 
     def doubted(self, measured: Measured) -> Measured:
         """The same with wider gauges.

@@ -18,11 +18,14 @@ from shell_deform.live.fusion import ErrorModel, Measured, Posterior, fuse
 from shell_deform.live.linearity import linear_error
 from shell_deform.live.load_request import write_load
 from shell_deform.live.pose import IDENTITY, Pose
-from shell_deform.live.release import nearer_to_rest, pressing
+from shell_deform.live.release import measured_displacement, pressing
 from shell_deform.live.sample import ContactSample, one_row_per_finger
 from shell_deform.live.serve_kernel import FIELDS, NONLINEAR_FIELDS, serve
 
 Array = NDArray[np.float64]
+
+FIRMLY = 0.5
+"""Rest is the better tangent where its error estimate is less than this share of the other's."""
 
 UNKNOWN_DENT = 5e-3
 """What a contact of unknown travel may have dented before anything is known of it [m]."""
@@ -119,7 +122,8 @@ class Estimator:
             return self._serve_rest(merged)
         response = adopted.response
         measured = self._measured(adopted, merged)
-        if nearer_to_rest(response, measured):
+        now = measured_displacement(response, measured)
+        if adopted.missed_from_rest(now) < FIRMLY * adopted.missed(now - response.displacement):
             return self._serve_from_rest(adopted, measured, merged)
         posterior = fuse(self.settings.errors, response, adopted.doubted(measured))
         self.posterior, self.measured = posterior, measured

@@ -2,8 +2,8 @@
 
 A hand reports a contact for a while after its finger has left, and its encoders go on: taken at
 their word they would pull the shell outward and carry it along. And a shell released faster than
-the background process follows is soon nearer to rest than to the last equilibrium; there the
-linear theory from rest is the better tangent.
+the background process follows comes so far from the last equilibrium that linear theory from rest
+is the better tangent.
 """
 
 from __future__ import annotations
@@ -38,19 +38,17 @@ def pressing(sample: ContactSample, model: ErrorModel) -> ContactSample:
     return sample.rows(~(behind & slack))
 
 
-def nearer_to_rest(response: Response, measured: Measured) -> bool:
-    """Whether the contacts (k,) are now nearer to the undeformed shell than to the equilibrium.
+def measured_displacement(response: Response, measured: Measured) -> Array:
+    """Displacement (k,) of the contacts [m] as measured, before anything is fused.
 
     A finger that is gone has let its dent spring back; where no motion is known the dent goes
     with the push.
     """
     there = response.displacement
-    force = np.maximum(response.force, 1e-9)
-    by_push = there * np.clip(measured.push / force, 0.0, 2.0)
+    by_push = there * np.clip(measured.push / np.maximum(response.force, 1e-9), 0.0, 2.0)
     now = measured.travel + response.travel_offset
     now = np.where(np.isfinite(now), now, by_push)
-    now = np.where(measured.present, now, 0.0)
-    return float(now @ now) < float((now - there) @ (now - there))
+    return np.where(measured.present, now, 0.0)
 
 
 def rest_response(response: Response, compliance: Array) -> Response:

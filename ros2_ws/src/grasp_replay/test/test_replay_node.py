@@ -233,6 +233,7 @@ def test_small_messages_are_not_lost_while_large_ones_cross(
     clouds = start('record', '/s', '--output', tmp_path / 'again')
     replay = start('replay', tmp_path / 'bag', '--wait', 20, '--json')
     observer.spin_until(lambda: messages)
+    observer.spin_until(lambda: observer.node.get_publishers_info_by_topic('/s'))
     (sender,) = observer.node.get_publishers_info_by_topic('/s')
     assert sender.node_name == 'replay_large'
     observer.spin_until(lambda: replay.process.poll() is not None)

@@ -23,6 +23,8 @@ THREAD_VARIABLES = (
     'MKL_NUM_THREADS',
     'NUMBA_NUM_THREADS',
 )
+# The solver changes between two threads and works in one at a time: no heap for each.
+ONE_HEAP = 'MALLOC_ARENA_MAX'
 
 
 class WorkerError(RuntimeError):
@@ -57,7 +59,7 @@ class WorkerProcess:
         self._first_answer = 0
         ours, theirs = socket.socketpair()
         self._event = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        environment = {**os.environ, **{name: '1' for name in THREAD_VARIABLES}}
+        environment = {**os.environ, **{name: '1' for name in (*THREAD_VARIABLES, ONE_HEAP)}}
         command = [sys.executable, '-m', 'shell_deform.live.worker']
         self.process = subprocess.Popen(
             [*command, str(theirs.fileno()), str(self._event)],

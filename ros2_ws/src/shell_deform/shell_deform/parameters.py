@@ -41,7 +41,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         'background_niceness',
         10,
-        'niceness of the background process where it cannot work in the idle class',
+        'niceness of the background process; above 0 it works in the idle class where it can',
         0,
         19,
     ),  # fmt: skip

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from shell_deform.live.courtesy import PATIENCE_S, Courtesy, share_of
+from shell_deform.live.courtesy import CAUTION, PATIENCE_S, Courtesy, share_of
 
 
 class Machine:
@@ -53,6 +53,19 @@ def test_starved_in_the_idle_class_it_comes_back_at_once(machine, courtesy):
     courtesy.run(lambda: None)
     courtesy.run(lambda: None)
     assert machine.policies[-2:] == [os.SCHED_IDLE, os.SCHED_OTHER]
+
+
+def test_each_starvation_makes_it_wait_longer_before_the_next_try(machine, courtesy):
+    waits = []
+    for _ in range(3):
+        before = len(machine.policies)
+        machine.share = 1.0
+        while not courtesy.in_idle_class:
+            courtesy.run(lambda: None)
+        waits.append(0.05 * (len(machine.policies) - before))
+        machine.share = 0.05
+        courtesy.run(lambda: None)
+    assert waits == pytest.approx([PATIENCE_S, CAUTION * PATIENCE_S, CAUTION**2 * PATIENCE_S], 0.1)
 
 
 def test_what_the_work_raises_is_raised_to_its_caller():

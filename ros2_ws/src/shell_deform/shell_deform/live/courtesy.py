@@ -24,7 +24,13 @@ ROOM = 0.7
 """Share of a processor of a nice thread that says: there is room for the idle class."""
 
 PATIENCE_S = 2.0
-"""So long a nice thread works before the idle class is tried (again) [s]."""
+"""So long a nice thread works before the idle class is tried [s]."""
+
+CAUTION = 5.0
+"""How many times longer after each starvation: the piece of work then begun may take seconds."""
+
+LONGEST_S = 120.0
+"""The idle class is tried again after this at the latest [s]."""
 
 
 def share_of(work: Callable[[], None]) -> float:
@@ -49,6 +55,7 @@ class Courtesy:
         self._idle = ThreadPoolExecutor(1, 'idle', initializer=_enter_idle_class)
         self.in_idle_class = False
         self._since = clock()
+        self._patience = PATIENCE_S
 
     def run(self, work: Callable[[], None]) -> None:
         """Do the work and wait for it; what it raises is raised here."""
@@ -57,8 +64,10 @@ class Courtesy:
         now = self._clock()
         if self.in_idle_class:
             change = share < ENOUGH
+            if change:
+                self._patience = min(CAUTION * self._patience, LONGEST_S)
         else:
-            change = share > ROOM and now - self._since > PATIENCE_S
+            change = share > ROOM and now - self._since > self._patience
         if change:
             self.in_idle_class = not self.in_idle_class
             self._since = now

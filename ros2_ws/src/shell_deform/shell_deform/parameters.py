@@ -44,7 +44,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         'niceness of the background process; above 0 it works in the idle class where it can',
         0,
         19,
-    ),  # fmt: skip
+    ),
     Parameter(
         'object_pose',
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0],

@@ -7,6 +7,7 @@ deformed one answers, by compiled kernels or their numpy twins. Positions are co
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,7 +37,14 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Discretisation(ShellPoints):
-    """The undeformed shell, and energy, gradient and stiffness of any deformed one."""
+    """The undeformed shell, and energy, gradient and stiffness of any deformed one.
+
+    Attributes:
+        threads: that assemble the stiffness, each its share of the elements. The answer of
+            several differs from that of one by round-off.
+    """
+
+    threads: int = 1
 
     def stiffened(self, factor: float) -> Discretisation:
         """The same shell with `factor` times the modulus, to which the wall is proportional."""
@@ -77,17 +85,40 @@ class Discretisation(ShellPoints):
         if not HAVE_NUMBA:
             return assemble_numpy.shell_tangent(self, theory, positions, pressure)
         positions = writable(positions)
+        elements = len(self.node_offsets) - 1
+        bounds = [elements * i // self.threads for i in range(self.threads + 1)]
+
+        def part(number: int) -> tuple[float, Array, Array]:
+            return self._tangent_of(
+                bounds[number], bounds[number + 1], theory, positions, pressure
+            )
+
+        if self.threads == 1:
+            return part(0)
+        with ThreadPoolExecutor(self.threads) as pool:
+            energies, gradients, values = zip(*pool.map(part, range(self.threads)), strict=True)
+        return sum(energies), np.sum(gradients, axis=0), np.sum(values, axis=0)
+
+    def _tangent_of(
+        self, first: int, last: int, theory: str, positions: Array, pressure: float
+    ) -> tuple[float, Array, Array]:
+        """`tangent` of the elements from `first` up to `last` alone."""
         gradient = np.zeros_like(positions)
         data = np.zeros(len(self.pattern.indices))
         pattern = self.pattern
         arguments: Any = (
             THEORIES[theory].code,
             float(pressure),
-            *self._volume_arguments()[:6],
+            self.node_offsets[first : last + 1],
+            self.nodes,
+            self.point_offsets[first : last + 1],
+            self.row_offsets,
+            self.rows,
+            self.values,
             *self._wall_arguments(),
             positions,
             gradient,
-            pattern.block_offsets,
+            pattern.block_offsets[first:],
             pattern.block_start,
             pattern.indptr[:-1:3],
             pattern.row_length,

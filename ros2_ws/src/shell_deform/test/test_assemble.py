@@ -1,5 +1,7 @@
 """Energy, gradient and stiffness over the whole surface."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -53,6 +55,15 @@ def test_compiled_assembly_equals_its_numpy_twin(shell, bent, theory):
     assert energy == pytest.approx(twin_energy, rel=1e-12)
     np.testing.assert_allclose(gradient, twin_gradient, atol=1e-11 * np.abs(gradient).max())
     np.testing.assert_allclose(data, twin_data, atol=1e-11 * np.abs(data).max())
+
+
+def test_several_threads_assemble_what_one_does(shell, bent):
+    one = shell.tangent('koiter', bent, 1e3)
+    for threads in (2, 3):
+        several = replace(shell, threads=threads).tangent('koiter', bent, 1e3)
+        for ours, expected in zip(several, one, strict=True):
+            scale = np.abs(expected).max()
+            np.testing.assert_allclose(ours, expected, rtol=0.0, atol=1e-13 * scale)
 
 
 def test_volume_and_its_derivatives_equal_their_numpy_twins(shell, bent):

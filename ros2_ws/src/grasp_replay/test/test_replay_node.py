@@ -233,9 +233,11 @@ def test_small_messages_are_not_lost_while_large_ones_cross(
     clouds = start('record', '/s', '--output', tmp_path / 'again')
     replay = start('replay', tmp_path / 'bag', '--wait', 20, '--json')
     observer.spin_until(lambda: messages)
-    observer.spin_until(lambda: observer.node.get_publishers_info_by_topic('/s'))
-    (sender,) = observer.node.get_publishers_info_by_topic('/s')
-    assert sender.node_name == 'replay_large'
+
+    def senders() -> list[str]:
+        return [one.node_name for one in observer.node.get_publishers_info_by_topic('/s')]
+
+    observer.spin_until(lambda: senders() == ['replay_large'])
     observer.spin_until(lambda: replay.process.poll() is not None)
     observer.spin_until(lambda: len(messages) == 1000)
     assert json.loads(replay.text)['topics'] == {'/s': 50, '/w': 1000}

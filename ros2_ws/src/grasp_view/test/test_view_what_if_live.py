@@ -16,6 +16,7 @@ from grasp_view.messages import read_contacts, read_surface
 
 CONTACTS = (PointCloud2, '/what_if/hand/contacts')
 SURFACE = (PointCloud2, '/what_if/deformation/surface')
+NONLINEAR = (PointCloud2, '/what_if/deformation/nonlinear')
 
 
 def largest_mm(message: PointCloud2 | None) -> float:
@@ -24,7 +25,11 @@ def largest_mm(message: PointCloud2 | None) -> float:
 
 
 def settled_mm(heard, wait_until, old: float, apart: float, log: Callable[[], str]) -> float:
-    """The dent when ten surfaces in a row agree and are `apart` (relative) from the old one."""
+    """The dent when ten surfaces in a row agree, `apart` (relative) from the old one.
+
+    They must agree with the last equilibrium too: a background process that is late leaves its
+    tangent standing.
+    """
     messages: list[PointCloud2] = []
     last: list[float] = []
 
@@ -35,6 +40,8 @@ def settled_mm(heard, wait_until, old: float, apart: float, log: Callable[[], st
             last.append(largest_mm(message))
         dents = np.array(last[-10:])
         same = len(dents) == 10 and np.ptp(dents) < 2e-3 * dents.max()
+        solved = largest_mm(heard(*NONLINEAR))
+        same = same and abs(dents[-1] - solved) < 1e-2 * dents[-1]
         return bool(same and abs(dents[-1] - old) > apart * old)
 
     wait_until(steady, 110, lambda: f'{last[-10:]}\n{log()}')

@@ -129,7 +129,7 @@ def queries_beside(surface, random, height, count=60):
 
 @pytest.mark.parametrize('shape', SEARCHED)
 @given(st.integers(0, 10**6), st.floats(0.01, 2.0), st.sampled_from([1.0, -1.0]))
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12, deadline=None, derandomize=True)
 def test_no_search_from_anywhere_finds_a_nearer_foot(shape, seed, height, side):
     mesh = SEARCHED[shape](seed)
     surface = LimitSurface(mesh)

@@ -25,7 +25,6 @@ from shell_deform.live.pose import IDENTITY
 from shell_deform.live.rehearsal import Rehearsal
 from shell_deform.live.sample import ContactSample
 from shell_deform.live.tracking import EquilibriumTracker, Target
-from shell_deform.live.warm_up import warm_up
 from shell_deform.live.worker_link import Build, WorkerProcess, empty_request
 from shell_deform.objects import load_object
 
@@ -103,7 +102,6 @@ class Live:
         assert memory is not None
         self.estimator = Estimator(memory.rest, memory.rest_normals, Settings(errors))
         self.estimator.pose = IDENTITY
-        warm_up()
         self.request = empty_request()
         self.results = 0
         self._answered = 0

@@ -120,7 +120,7 @@ class Discretisation(ShellPoints):
             gradient,
             pattern.block_offsets[first:],
             pattern.block_start,
-            pattern.indptr[:-1:3],
+            np.ascontiguousarray(pattern.indptr[:-1:3]),
             pattern.row_length,
             pattern.indices,
             data,

@@ -8,13 +8,27 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from shell_deform.compiled import compiled
+from shell_deform.kernel_arrays import float_rows, floats, longs
+from shell_deform.kernel_types import (
+    Float,
+    FloatBlocks,
+    FloatRows,
+    Floats,
+    Int,
+    Ints,
+    Longs,
+    Void,
+    kernel,
+)
 from shell_deform.theory.kernels import add_point_hessian, point_strains, point_stress
 
+# Undeformed tangents, second derivatives and curvature, weights, membrane and bending stiffness.
+WALL = (FloatBlocks, FloatBlocks, FloatRows, Floats, FloatBlocks, FloatBlocks)
+# First node of each element, nodes, first point of each element, first row of each point, rows.
+POINTS = (Longs, Longs, Longs, Longs, FloatRows)
 
-@compiled
+
+@kernel(Void, Longs, FloatRows, FloatRows, FloatRows)
 def gather_derivatives(nodes: Any, rows: Any, positions: Any, q: Any) -> None:
     """Derivative vectors q (5, 3) at a point from control positions (n, 3)."""
     for i in range(3):
@@ -30,7 +44,7 @@ def gather_derivatives(nodes: Any, rows: Any, positions: Any, q: Any) -> None:
         q[0, i], q[1, i], q[2, i], q[3, i], q[4, i] = q_0, q_1, q_2, q_3, q_4
 
 
-@compiled
+@kernel(Void, Longs, Floats, FloatRows, Floats)
 def gather_place(nodes: Any, values: Any, positions: Any, x: Any) -> None:
     """Place x (3,) of a point from control positions (n, 3)."""
     for i in range(3):
@@ -40,7 +54,7 @@ def gather_place(nodes: Any, values: Any, positions: Any, x: Any) -> None:
         x[i] = total
 
 
-@compiled
+@kernel(Void, Longs, FloatRows, Floats, FloatRows)
 def scatter_force(nodes: Any, rows: Any, force: Any, gradient: Any) -> None:
     """Add the force (15,) that works on the derivative vectors of a point to `gradient` (n, 3)."""
     for i in range(3):
@@ -55,7 +69,7 @@ def scatter_force(nodes: Any, rows: Any, force: Any, gradient: Any) -> None:
             )
 
 
-@compiled
+@kernel(Void, Float, Floats, FloatRows, Floats)
 def point_force(weight: float, stress: Any, jac: Any, force: Any) -> None:
     """Force (15,) on the derivative vectors of a point with the area `weight`."""
     for d in range(15):
@@ -65,7 +79,19 @@ def point_force(weight: float, stress: Any, jac: Any, force: Any) -> None:
         force[d] = weight * value
 
 
-@compiled
+@kernel(
+    Float,
+    Int,
+    Longs,
+    Longs,
+    Longs,
+    Longs,
+    FloatRows,
+    *WALL,
+    FloatRows,
+    FloatRows,
+    called_from_python=True,
+)
 def shell_gradient(
     theory: int,
     node_offsets: Any,
@@ -83,8 +109,8 @@ def shell_gradient(
     gradient: Any,
 ) -> float:
     """Strain energy [J] at control positions; adds its gradient [N] to `gradient` (n, 3)."""
-    q, strain, stress = np.empty((5, 3)), np.empty(6), np.empty(6)
-    jac, work, force = np.empty((6, 15)), np.empty((6, 3)), np.empty(15)
+    q, strain, stress = float_rows(5, 3), floats(6, 0.0), floats(6, 0.0)
+    jac, work, force = float_rows(6, 15), float_rows(6, 3), floats(15, 0.0)
     total = 0.0
     for element in range(len(node_offsets) - 1):
         own = nodes[node_offsets[element] : node_offsets[element + 1]]
@@ -98,7 +124,7 @@ def shell_gradient(
     return total
 
 
-@compiled
+@kernel(Void, Float, FloatRows, FloatRows, FloatRows, FloatRows, FloatRows)
 def add_strain_stiffness(
     weight: float, jac: Any, membrane: Any, bending: Any, weighted: Any, h: Any
 ) -> None:
@@ -120,7 +146,7 @@ def add_strain_stiffness(
             h[d, e] += j_0 * weighted[3, e] + j_1 * weighted[4, e] + j_2 * weighted[5, e]
 
 
-@compiled
+@kernel(Void, FloatRows, FloatRows, FloatRows, Floats, FloatRows)
 def respond(row: Any, hessian: Any, ordered: Any, mixed: Any, response: Any) -> None:
     """Forces on the derivative vectors per motion of the nodes, into response[:5] (., 9 nodes).
 
@@ -141,7 +167,7 @@ def respond(row: Any, hessian: Any, ordered: Any, mixed: Any, response: Any) -> 
                 response[d, 9 * m + x] = mixed[9 * d + x]
 
 
-@compiled
+@kernel(Void, Floats, Float, FloatRows, Int, Int, Floats)
 def add_rows(row: Any, value: float, response: Any, start: int, stop: int, target: Any) -> None:
     """Add columns start:stop of `response` (6, .) times the coefficients of a node to `target`."""
     # Counted from zero on contiguous arrays of one dimension: others do not become vector code.
@@ -160,7 +186,7 @@ def add_rows(row: Any, value: float, response: Any, start: int, stop: int, targe
         )
 
 
-@compiled
+@kernel(Void, Floats, Int, Float, Float, Float)
 def _add_cross_block(target: Any, at: int, u_0: float, u_1: float, u_2: float) -> None:
     """Add the matrix (3, 3) of v x u, v its argument, to target[at:at + 9]."""
     target[at + 1] += u_2
@@ -171,7 +197,7 @@ def _add_cross_block(target: Any, at: int, u_0: float, u_1: float, u_2: float) -
     target[at + 7] -= u_0
 
 
-@compiled
+@kernel(Void, Float, FloatRows, Floats, Floats, FloatRows, FloatRows)
 def add_gas_response(factor: float, row: Any, values: Any, x: Any, q: Any, response: Any) -> None:
     """Add `factor` times the second derivative of x . (a_1 x a_2) to the response of a point.
 
@@ -192,14 +218,14 @@ def add_gas_response(factor: float, row: Any, values: Any, x: Any, q: Any, respo
         )
 
 
-@compiled
+@kernel(Void, Ints, Longs, Ints, Floats)
 def mirror(block_rows: Any, row_length: Any, indices: Any, data: Any) -> None:
     """Copy the 3 x 3 blocks above the diagonal of the CSR values below it.
 
     Row v of blocks starts at block_rows[v]. Its blocks below the diagonal come in the order in
     which the rows above list it, so one place per row suffices to find them.
     """
-    at = np.empty(len(row_length), np.int64)
+    at = longs(len(row_length), 0)
     for v in range(len(row_length)):
         length = row_length[v]
         for q in range(block_rows[v], block_rows[v] + length, 3):
@@ -213,7 +239,27 @@ def mirror(block_rows: Any, row_length: Any, indices: Any, data: Any) -> None:
                 at[w] += 3
 
 
-@compiled
+@kernel(
+    Float,
+    Int,
+    Float,
+    Longs,
+    Longs,
+    Longs,
+    Longs,
+    FloatRows,
+    Floats,
+    *WALL,
+    FloatRows,
+    FloatRows,
+    Longs,
+    Longs,
+    Ints,
+    Longs,
+    Ints,
+    Floats,
+    called_from_python=True,
+)
 def shell_tangent(
     theory: int,
     pressure: float,
@@ -244,15 +290,15 @@ def shell_tangent(
     (k, l) of an element starts at block_start[block_offsets[element] + k * size + l]; the rows of
     control point v start at block_rows[v] and are row_length[v] values long.
     """
-    q, x, strain, stress = np.empty((5, 3)), np.empty(3), np.empty(6), np.empty(6)
-    jac, work, blocks = np.empty((6, 15)), np.empty((6, 3)), np.empty((3, 3, 3))
-    weighted, hessian, force = np.empty((6, 15)), np.empty((15, 15)), np.empty(15)
+    q, x, strain, stress = float_rows(5, 3), floats(3, 0.0), floats(6, 0.0), floats(6, 0.0)
+    jac, work, blocks = float_rows(6, 15), float_rows(6, 3), float_rows(7, 3)
+    weighted, hessian, force = float_rows(6, 15), float_rows(15, 15), floats(15, 0.0)
     largest = 0
     for element in range(len(node_offsets) - 1):
         largest = max(largest, node_offsets[element + 1] - node_offsets[element])
-    stiffness = np.empty((largest, 9 * largest))
-    response = np.zeros((6, 9 * largest))
-    ordered, mixed = np.empty((5, 45)), np.empty(45)
+    stiffness = float_rows(largest, 9 * largest)
+    response = float_rows(6, 9 * largest)
+    ordered, mixed = float_rows(5, 45), floats(45, 0.0)
     total = 0.0
     for element in range(len(node_offsets) - 1):
         own = nodes[node_offsets[element] : node_offsets[element + 1]]
@@ -296,7 +342,19 @@ def shell_tangent(
     return total
 
 
-@compiled
+@kernel(
+    Float,
+    Longs,
+    Longs,
+    Longs,
+    Longs,
+    FloatRows,
+    Floats,
+    Floats,
+    FloatRows,
+    FloatRows,
+    called_from_python=True,
+)
 def volume_gradient(
     node_offsets: Any,
     nodes: Any,
@@ -309,7 +367,7 @@ def volume_gradient(
     gradient: Any,
 ) -> float:
     """Enclosed volume [m^3] of control positions; adds its gradient [m^2] to `gradient`."""
-    a, b, x = np.empty(3), np.empty(3), np.empty(3)
+    a, b, x = floats(3, 0.0), floats(3, 0.0), floats(3, 0.0)
     total = 0.0
     for element in range(len(node_offsets) - 1):
         own = nodes[node_offsets[element] : node_offsets[element + 1]]

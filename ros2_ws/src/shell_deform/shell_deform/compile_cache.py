@@ -1,78 +1,100 @@
-"""Compile every kernel once, so that no later start waits: `python -m shell_deform.compile_cache`.
+"""Compile every kernel, several at a time, so that no later start waits.
 
-It solves a small squeezed ball with sealed gas, offline and as the live node does, which passes
-through all of them. Kernels with written signatures compile when they are imported: the
-factorisation does so in a process of its own, beside the surface and the theories.
+The first import of a kernel does so where no earlier start has; `make setup` does it by
+`python -m shell_deform.compile_cache`.
 """
 
 from __future__ import annotations
 
+import fcntl
+import gc
+import hashlib
+import importlib
+import multiprocessing
+import os
 import subprocess
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
-import numpy as np
+from shell_deform.compiled import HAVE_NUMBA, cache_folder, kernel_sources
 
-from shell_deform.building import build_model, object_contacts, with_material
-from shell_deform.live.rehearsal import Rehearsal
-from shell_deform.live.sample import FLAG_CONTACT, ContactSample
-from shell_deform.loads import ContactPatch
-from shell_deform.objects import load_object
-from shell_deform.solve.equilibrium import displaced
-from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
-
-FACTORISATION = (
-    'import shell_deform.solve.factor_multifrontal, shell_deform.solve.nested_dissection'
+# What most kernels need, then what one process compiles in one go, the longest first.
+COMMON = ('shell_deform.kernel_arrays', 'shell_deform.solve.multifrontal_blas')
+KERNELS = (
+    'shell_deform.solve.multifrontal',
+    'shell_deform.assemble_kernels',
+    'shell_deform.solve.multifrontal_symbolic',
+    'shell_deform.surface.closest_point_kernel',
+    'shell_deform.live.fusion_kernel',
+    'shell_deform.solve.nested_dissection',
+    'shell_deform.solve.multifrontal_solve',
+    'shell_deform.live.serve_kernel',
 )
 
-
-def compile_beside() -> None:
-    """Compile the factorisation and, meanwhile here, surface, theories and gas."""
-    with subprocess.Popen([sys.executable, '-c', FACTORISATION]):
-        ball = with_material(load_object('tennis_ball'), gas_kind='sealed')
-        model = build_model(ball, control_vertices=60)
-        object_contacts(ball, model)
-        model.tangent(model.rest)
-        model.gradient(model.rest)
+COMPILING = 'SHELL_DEFORM_COMPILING'
+"""Environment variable of the processes that compile."""
 
 
-def compile_kernels() -> None:
-    """Run every compiled kernel on a small problem."""
-    small = with_material(load_object('tennis_ball'), gas_kind='sealed')
-    model = build_model(small, control_vertices=200)
-    solver = EquilibriumSolver(model, NewtonOptions(stability=True))
-    contacts = object_contacts(small, model)
-    solver.solve(displaced(contacts, [1e-4] * len(contacts)))
-    Rehearsal(model).settle(_touching(contacts, 0.5 * small.thickness_m))
+def prepare() -> bool:
+    """Compile all kernels if no earlier start has; called before the first of them is.
+
+    Returns whether the cache now has them all. Where no cache can be written, and in the processes
+    that compile, each is compiled where it is imported.
+    """
+    folder = cache_folder()
+    if COMPILING in os.environ or folder is None:
+        return False
+    complete = _complete(folder)
+    if not complete.exists():
+        subprocess.run([sys.executable, '-m', 'shell_deform.compile_cache'], check=False)
+    return complete.exists()
 
 
-def _touching(contacts: tuple[ContactPatch, ...], half_wall: float) -> ContactSample:
-    """A hand that pushes a little at every contact."""
-    count = len(contacts)
-    inward = np.array([contact.axis for contact in contacts])
-    outer = np.array([contact.point for contact in contacts]) - half_wall * inward
-    return ContactSample(
-        stamp=1,
-        finger=np.arange(1, count + 1),
-        flags=np.full(count, FLAG_CONTACT),
-        point=outer + 1e-4 * inward,
-        normal=inward,
-        force=0.5 * inward,
-        sigma_normal=np.full(count, 0.05),
-        sigma_tangential=np.full(count, np.inf),
-        radius=np.full(count, 1e-3),
-        travel=np.full(count, 1e-4),
-        sigma_travel=np.full(count, 1e-5),
-    )
+def compile_kernels(processes: int) -> None:
+    """Import every module of kernels, which compiles it, in so many processes."""
+    # Hardly anything that a compiler makes is garbage: looking for it took a sixth of the time.
+    gc.disable()
+    for module in COMMON:
+        importlib.import_module(module)
+    forked = multiprocessing.get_context('fork')
+    with ProcessPoolExecutor(processes, mp_context=forked) as pool:
+        list(pool.map(_compile, KERNELS))
+
+
+def _compile(module: str) -> None:
+    importlib.import_module(module)
+
+
+def _complete(folder: Path) -> Path:
+    """The file in the cache that says: nothing is missing. numba goes by times of sources, too."""
+    import llvmlite.binding
+    import numba
+
+    key = [sys.version, numba.__version__, llvmlite.binding.get_host_cpu_name()]
+    for source in kernel_sources():
+        key.append(f'{source.stat().st_mtime_ns} {source.stat().st_size}')
+    return folder / f'complete-{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}'
 
 
 def main() -> None:
-    """Compile, saying so and how long it took."""
-    start = time.perf_counter()
-    print('Compiling the shell kernels (first time only) ...', file=sys.stderr)
-    compile_beside()
-    compile_kernels()
-    print(f'... done in {time.perf_counter() - start:.0f} s', file=sys.stderr)
+    """Compile, unless another process just did, saying so and how long it took."""
+    os.environ[COMPILING] = '1'
+    folder = cache_folder() if HAVE_NUMBA else None
+    if folder is None:
+        sys.exit('There is no numba, or no place for its cache: nothing to compile')
+    folder.mkdir(parents=True, exist_ok=True)
+    complete = _complete(folder)
+    with open(folder / 'compiling.lock', 'w', encoding='utf-8') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if complete.exists():
+            return
+        start = time.perf_counter()
+        print('Compiling the shell kernels (first time only) ...', file=sys.stderr, flush=True)
+        compile_kernels(len(os.sched_getaffinity(0)))
+        complete.touch()
+        print(f'... done in {time.perf_counter() - start:.0f} s', file=sys.stderr)
 
 
 if __name__ == '__main__':

@@ -31,7 +31,6 @@ from shell_deform.live.modulus import ModulusFilter
 from shell_deform.live.pose import Pose, PoseError, pose_of
 from shell_deform.live.sample import SampleError, check
 from shell_deform.live.states import Watch
-from shell_deform.live.warm_up import warm_up
 from shell_deform.live.worker_link import (
     Build,
     WorkerError,
@@ -100,9 +99,8 @@ class DeformationNode(Node):
         )
         self.create_service(Trigger, 'deformation/reset', self._reset)
         self._topics.state(self.watch.state)
-        # The first line of a log and the first tick are slow: both while the shell is built.
+        # The first line of a log is slow: while the shell is built it delays nothing.
         self.get_logger().info(f'building {values["object"]}')
-        warm_up()
 
     # ---- parameters
 

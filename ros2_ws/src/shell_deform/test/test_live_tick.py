@@ -1,9 +1,6 @@
 """The tick: fusion of force and motion, the served field, and their compiled forms."""
 
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -174,28 +171,3 @@ def test_the_compiled_field_equals_the_plain_one(seed, j, pose):
     largest = serve(*arguments, fast)
     assert largest == pytest.approx(serve_numpy(*arguments, plain))
     assert fast == pytest.approx(plain, rel=1e-5, abs=1e-5)
-
-
-REAL_TICK = """
-from live_hand import opposed, pipeline
-from shell_deform.building import build_model
-from shell_deform.live import fusion_kernel, serve_kernel
-from shell_deform.live.warm_up import warm_up
-from shell_deform.objects import load_object
-
-warm_up()
-live = pipeline(build_model(load_object('tennis_ball'), control_vertices=150))
-live.settle(opposed([1.0, 1.0], [1e-4, 1e-4]))
-kernels = serve_kernel._serve, fusion_kernel.assemble, fusion_kernel.solve
-print([len(kernel.signatures) for kernel in kernels])
-"""
-
-
-def test_after_the_warm_up_a_real_tick_finds_every_kernel_loaded():
-    run = subprocess.run(
-        [sys.executable, '-c', REAL_TICK],
-        cwd=Path(__file__).parent,
-        capture_output=True,
-        text=True,
-    )
-    assert run.stdout.strip() == '[1, 1, 1]', run.stderr

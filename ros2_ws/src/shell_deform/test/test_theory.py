@@ -74,7 +74,7 @@ def test_compiled_kernels_equal_their_numpy_twins(name):
         energy = kernels.point_stress(strain, stiff[0], stiff[1], stress)
         assert energy == pytest.approx(0.5 * strain @ stress)
         hessian = np.zeros((15, 15))
-        kernels.add_point_hessian(theory.code, q[p], stress, work, np.empty((3, 3, 3)), hessian)
+        kernels.add_point_hessian(theory.code, q[p], stress, work, np.empty((7, 3)), hessian)
         expected = theory.hessian(q[p : p + 1], _one(reference, p), stress[None])[0]
         np.testing.assert_allclose(hessian, expected.reshape(15, 15), rtol=1e-11, atol=1e-11)
 

@@ -9,15 +9,17 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numba import types
 
-from shell_deform.compiled import compiled
+from shell_deform.kernel_arrays import float_rows, floats
+from shell_deform.kernel_types import Bool, Bools, Float, FloatRows, Floats, Int, Longs, kernel
 from shell_deform.live.sample import FLAG_NO_GAUGE, FLAG_SATURATED
 
 BLIND = FLAG_SATURATED | FLAG_NO_GAUGE
 GAUGE, MOTION, SLIP, TANGENTIAL, BALANCE, SHIFT, MODULUS = range(7)
 
 
-@compiled
+@kernel(Int, FloatRows, Floats, Longs, Longs, Int, Float, Float, Int, Int)
 def _put(
     rows: Any,
     values: Any,
@@ -38,7 +40,35 @@ def _put(
     return m + 1
 
 
-@compiled
+@kernel(
+    Int,
+    Bool,
+    Bool,
+    Floats,
+    Floats,
+    Floats,
+    Floats,
+    Floats,
+    Float,
+    Floats,
+    Floats,
+    FloatRows,
+    FloatRows,
+    FloatRows,
+    Longs,
+    Bools,
+    Floats,
+    Floats,
+    Floats,
+    Floats,
+    Floats,
+    Floats,
+    FloatRows,
+    Floats,
+    Longs,
+    Longs,
+    called_from_python=True,
+)
 def assemble(
     use_force: bool,
     use_travel: bool,
@@ -124,21 +154,23 @@ def assemble(
     return _put(rows, values, kinds, owners, m, 1.0 / sigma, 0.0, MODULUS, -1)
 
 
-@compiled
+@kernel(
+    types.Tuple((Float, Int)), FloatRows, Floats, Int, Floats, FloatRows, called_from_python=True
+)
 def solve(rows: Any, values: Any, count: int, inputs: Any, root: Any) -> tuple[float, int]:
     """Least squares of the first `count` rows; returns chi squared and the most strained row.
 
     Fills `inputs` (j,) and the upper triangular `root` (j, j) of their covariance.
     """
     j = rows.shape[1]
-    scale = np.zeros(j)
+    scale = floats(j, 0.0)
     for m in range(count):
         for a in range(j):
             scale[a] += rows[m, a] * rows[m, a]
     for a in range(j):
         scale[a] = 1.0 / np.sqrt(scale[a])
-    lower = np.zeros((j, j))
-    right = np.zeros(j)
+    lower = float_rows(j, j)
+    right = floats(j, 0.0)
     for m in range(count):
         for a in range(j):
             left = rows[m, a] * scale[a]

@@ -68,9 +68,31 @@ def serve_numpy(
 
 
 if HAVE_NUMBA:
-    from shell_deform.compiled import compiled
+    from numba import types
 
-    @compiled
+    from shell_deform.kernel_arrays import floats
+    from shell_deform.kernel_types import Float, FloatBlocks, FloatRows, Floats, kernel
+
+    @kernel(
+        Float,
+        FloatRows,
+        FloatRows,
+        FloatRows,
+        FloatBlocks,
+        Floats,
+        FloatRows,
+        FloatRows,
+        Float,
+        Float,
+        Floats,
+        Float,
+        Float,
+        FloatRows,
+        Floats,
+        FloatRows,
+        types.float32[:, ::1],
+        called_from_python=True,
+    )
     def _serve(
         rest: Any,
         surface: Any,
@@ -93,7 +115,7 @@ if HAVE_NUMBA:
         count = inputs.shape[0]
         roots = root.shape[1]
         pose_roots = pose_root.shape[1]
-        along = np.empty(count)
+        along = floats(count, 0.0)
         for v in range(rest.shape[0]):
             bx, by, bz = bend[v, 0], bend[v, 1], bend[v, 2]
             px = surface[v, 0] + bend_input * bx

@@ -20,22 +20,12 @@ from typing import Any
 import numpy as np
 from numba import types
 
+from shell_deform.kernel_arrays import booleans, floats, integers, longs
+from shell_deform.kernel_types import Float, Floats, Int, Ints, Void, kernel
 from shell_deform.solve.multifrontal_assembly import assemble
 from shell_deform.solve.multifrontal_blas import new_call
 from shell_deform.solve.multifrontal_front import eliminate, eliminate_definite
-from shell_deform.solve.multifrontal_types import (
-    Float,
-    Floats,
-    Int,
-    Ints,
-    Lower,
-    Matrix,
-    Pivots,
-    Tree,
-    Void,
-    Weak,
-    kernel,
-)
+from shell_deform.solve.multifrontal_types import Lower, Matrix, Pivots, Tree, Weak
 
 
 @kernel(Void, Floats, Int, Floats, Int, Int)
@@ -63,7 +53,7 @@ def _integer_room(array: Any, used: int, needed: int) -> Any:
     """`_room` for row numbers."""
     if needed <= len(array):
         return array
-    larger = np.empty(needed + needed // 4, np.int32)
+    larger = integers(needed + needed // 4, 0)
     for i in range(used):
         larger[i] = array[i]
     return larger
@@ -92,20 +82,20 @@ def factorise_fronts(
     owned, row_offsets, rows, parent, parity, _, _, first_child, next_child = tree
     fronts = len(parent)
     call = new_call()
-    value_offsets = np.zeros(fronts + 1, np.int64)
-    id_offsets = np.zeros(fronts + 1, np.int64)
-    pivots = np.zeros(fronts, np.int64)
-    definite = np.zeros(fronts, np.bool_)
-    delays = np.zeros(fronts, np.int64)
-    rest_sizes = np.zeros(fronts, np.int64)
-    rest_places = np.zeros(fronts, np.int64)
+    value_offsets = longs(fronts + 1, 0)
+    id_offsets = longs(fronts + 1, 0)
+    pivots = longs(fronts, 0)
+    definite = booleans(fronts, False)
+    delays = longs(fronts, 0)
+    rest_sizes = longs(fronts, 0)
+    rest_places = longs(fronts, 0)
     unknowns = len(order) * block
-    diagonal, beside = np.ones(unknowns), np.zeros(unknowns)
-    weak_ids = np.empty(0, np.int32)
-    weak_values = np.empty(0)
-    weak_sizes = np.empty(fronts, np.int64)
+    diagonal, beside = floats(unknowns, 1.0), floats(unknowns, 0.0)
+    weak_ids = integers(0, 0)
+    weak_values = floats(0, 0.0)
+    weak_sizes = longs(fronts, 0)
     weak_blocks, weak_count, weak_entries = 0, 0, 0
-    square = np.empty(0)
+    square = floats(0, 0.0)
     # Two stacks grow towards each other: fronts of even depth from below, of odd depth from above.
     bottom, top = 0, len(stack)
     done = 0
@@ -142,7 +132,7 @@ def factorise_fronts(
         # A front that delays columns leaves a larger complement: room for the worst case.
         if top - bottom < m * m:
             missing = m * m - (top - bottom)
-            larger = np.empty(len(stack) + missing + len(stack) // 4)
+            larger = np.empty(len(stack) + missing + len(stack) // 4, np.float64)
             _copy(larger, 0, stack, 0, bottom)
             moved = len(larger) - len(stack)
             _copy(larger, top + moved, stack, top, len(stack) - top)

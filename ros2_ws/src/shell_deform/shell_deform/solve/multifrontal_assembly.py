@@ -12,21 +12,9 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from shell_deform.solve.multifrontal_types import (
-    Bool,
-    Bools,
-    Floats,
-    Front,
-    Int,
-    IntRows,
-    Ints,
-    Longs,
-    Matrix,
-    Tree,
-    Void,
-    Waiting,
-    kernel,
-)
+from shell_deform.kernel_arrays import floats, longs
+from shell_deform.kernel_types import Bool, Bools, Floats, Int, IntRows, Ints, Longs, Void, kernel
+from shell_deform.solve.multifrontal_types import Front, Matrix, Tree, Waiting
 
 
 @kernel(types.UniTuple(Int, 2), Int, Int, Bool)
@@ -49,7 +37,7 @@ def equilibrate(
     count = len(scale)
     for i in range(count):
         scale[i] = 1.0 if free[i] else 0.0
-    largest = np.empty(count)
+    largest = floats(count, 0.0)
     for _ in range(6):
         balanced = True
         for v in range(len(indptr) - 1):
@@ -183,7 +171,7 @@ def assemble(f: int, matrix: Any, tree: Any, waiting: Any, shift: int, front: An
         if delays[child] == 0:
             _add_child(stack, rest_places[child], size, mine, block, own, shift, front)
         else:
-            rows = np.empty(size, np.int64)
+            rows = longs(size, 0)
             for i in range(delays[child]):
                 rows[i] = delayed + i
             for q in range(len(mine)):

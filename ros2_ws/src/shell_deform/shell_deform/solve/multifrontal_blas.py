@@ -19,7 +19,9 @@ import numpy as np
 from numba import types
 from numba.extending import get_cython_function_address
 
-from shell_deform.solve.multifrontal_types import Call, Float, Floats, Int, Void, kernel
+from shell_deform.kernel_arrays import floats, integers
+from shell_deform.kernel_types import Float, Floats, Int, Void, kernel
+from shell_deform.solve.multifrontal_types import Call
 
 NO, TRANSPOSE, LOWER, LEFT, RIGHT = 0, 1, 2, 3, 4
 
@@ -62,7 +64,7 @@ def new_call() -> Any:
     letters[LOWER] = ord('L')
     letters[LEFT] = ord('L')
     letters[RIGHT] = ord('R')
-    return np.zeros(8, np.int32), np.zeros(2), letters
+    return integers(8, 0), floats(2, 0.0), letters
 
 
 @kernel(

@@ -8,17 +8,18 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
+from numba import types
 
-from shell_deform.compiled import compiled
+from shell_deform.kernel_arrays import floats, integers, longs
+from shell_deform.kernel_types import Float, Ints, kernel
 
 
-@compiled
+@kernel(Ints, Ints)
 def _postorder(parent: Any) -> Any:
     """Nodes of a forest, children before parents and siblings in their order."""
     count = len(parent)
-    first = np.full(count, -1, np.int32)
-    following = np.full(count, -1, np.int32)
+    first = integers(count, -1)
+    following = integers(count, -1)
     roots = -1
     for v in range(count - 1, -1, -1):
         if parent[v] < 0:
@@ -27,9 +28,9 @@ def _postorder(parent: Any) -> Any:
         else:
             following[v] = first[parent[v]]
             first[parent[v]] = v
-    result = np.empty(count, np.int32)
+    result = integers(count, 0)
     filled = 0
-    stack = np.empty(count, np.int32)
+    stack = integers(count, 0)
     root = roots
     while root >= 0:
         stack[0] = root
@@ -51,15 +52,15 @@ def _postorder(parent: Any) -> Any:
     return result
 
 
-@compiled
+@kernel(types.UniTuple(Ints, 3), Ints, Ints, Ints, called_from_python=True)
 def elimination_forest(indptr: Any, indices: Any, order: Any) -> Any:
     """Postordered elimination forest: parent (n,), column heights (n,) and the new order (n,)."""
     count = len(order)
-    position = np.empty(count, np.int32)
+    position = integers(count, 0)
     for k in range(count):
         position[order[k]] = k
-    parent = np.full(count, -1, np.int32)
-    ancestor = np.full(count, -1, np.int32)
+    parent = integers(count, -1)
+    ancestor = integers(count, -1)
     for k in range(count):
         v = order[k]
         for q in range(indptr[v], indptr[v + 1]):
@@ -72,11 +73,11 @@ def elimination_forest(indptr: Any, indices: Any, order: Any) -> Any:
                     break
                 i = above
     post = _postorder(parent)
-    place = np.empty(count, np.int32)
+    place = integers(count, 0)
     for k in range(count):
         place[post[k]] = k
-    new_order = np.empty(count, np.int32)
-    new_parent = np.full(count, -1, np.int32)
+    new_order = integers(count, 0)
+    new_parent = integers(count, -1)
     for k in range(count):
         new_order[k] = order[post[k]]
         if parent[post[k]] >= 0:
@@ -84,8 +85,8 @@ def elimination_forest(indptr: Any, indices: Any, order: Any) -> Any:
     for k in range(count):
         position[new_order[k]] = k
     # Row k of the factor is the part of the forest between k's neighbours and k.
-    heights = np.ones(count, np.int32)
-    seen = np.full(count, -1, np.int32)
+    heights = integers(count, 1)
+    seen = integers(count, -1)
     for k in range(count):
         seen[k] = k
         v = new_order[k]
@@ -98,14 +99,14 @@ def elimination_forest(indptr: Any, indices: Any, order: Any) -> Any:
     return new_parent, heights, new_order
 
 
-@compiled
+@kernel(types.UniTuple(Ints, 2), Ints, Ints, Float, called_from_python=True)
 def merge_fronts(parent: Any, heights: Any, block: float) -> Any:
     """Front of each column (n,) and the parent of each front: equal columns first, then greedily.
 
     A child joins its parent when the zeros this stores cost less than another front would.
     """
     count = len(parent)
-    front = np.empty(count, np.int32)
+    front = integers(count, 0)
     fronts = 0
     for k in range(count):
         if k > 0 and parent[k - 1] == k and heights[k - 1] == heights[k] + 1:
@@ -113,17 +114,19 @@ def merge_fronts(parent: Any, heights: Any, block: float) -> Any:
         else:
             front[k] = fronts
             fronts += 1
-    width = np.zeros(fronts)
-    height = np.zeros(fronts)
-    above = np.full(fronts, -1, np.int32)
+    width = floats(fronts, 0.0)
+    height = floats(fronts, 0.0)
+    above = integers(fronts, -1)
     for k in range(count):
         f = front[k]
         if width[f] == 0:
             height[f] = heights[k]
         width[f] += 1
         above[f] = front[parent[k]] if parent[k] >= 0 else -1
-    zeros = np.zeros(fronts)
-    merged_into = np.arange(fronts)
+    zeros = floats(fronts, 0.0)
+    merged_into = longs(fronts, 0)
+    for f in range(fronts):
+        merged_into[f] = f
     for f in range(fronts):
         p = above[f]
         if p < 0:
@@ -147,43 +150,43 @@ def merge_fronts(parent: Any, heights: Any, block: float) -> Any:
             zeros[p] = added
     for f in range(fronts - 1, -1, -1):
         merged_into[f] = merged_into[merged_into[f]]
-    members = np.empty(count, np.int32)
+    members = integers(count, 0)
     for k in range(count):
         members[k] = merged_into[front[k]]
-    tree = np.full(fronts, -2, np.int32)
+    tree = integers(fronts, -2)
     for f in range(fronts):
         if merged_into[f] == f:
             tree[f] = merged_into[above[f]] if above[f] >= 0 else -1
     return members, tree
 
 
-@compiled
+@kernel(types.UniTuple(Ints, 3), Ints, Ints, Ints, called_from_python=True)
 def renumber(members: Any, tree: Any, order: Any) -> Any:
     """Order with the columns of each front together; first columns (f + 1,) and parents (f,)."""
-    name = np.full(len(tree), -1, np.int32)
+    name = integers(len(tree), -1)
     kept = 0
     for f in range(len(tree)):
         if tree[f] != -2:
             name[f] = kept
             kept += 1
-    small = np.empty(kept, np.int32)
+    small = integers(kept, 0)
     for f in range(len(tree)):
         if tree[f] != -2:
             small[name[f]] = -1 if tree[f] < 0 else name[tree[f]]
     post = _postorder(small)
-    place = np.empty(kept, np.int32)
+    place = integers(kept, 0)
     for k in range(kept):
         place[post[k]] = k
-    parent = np.empty(kept, np.int32)
+    parent = integers(kept, 0)
     for k in range(kept):
         parent[k] = -1 if small[post[k]] < 0 else place[small[post[k]]]
-    owned = np.zeros(kept + 1, np.int32)
+    owned = integers(kept + 1, 0)
     for k in range(len(order)):
         owned[place[name[members[k]]] + 1] += 1
     for f in range(kept):
         owned[f + 1] += owned[f]
     fill = owned.copy()
-    result = np.empty_like(order)
+    result = integers(len(order), 0)
     for k in range(len(order)):
         f = place[name[members[k]]]
         result[fill[f]] = order[k]

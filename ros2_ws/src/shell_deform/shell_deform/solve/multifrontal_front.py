@@ -11,9 +11,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numba import types
 
+from shell_deform.kernel_arrays import floats
+from shell_deform.kernel_types import Bool, Float, Floats, Int, Ints, Void, kernel
 from shell_deform.solve.multifrontal_blas import (
     NO,
     TRANSPOSE,
@@ -23,17 +24,7 @@ from shell_deform.solve.multifrontal_blas import (
     solve_lower_right,
     subtract_gram,
 )
-from shell_deform.solve.multifrontal_types import (
-    Bool,
-    Call,
-    Float,
-    Floats,
-    Front,
-    Int,
-    Ints,
-    Void,
-    kernel,
-)
+from shell_deform.solve.multifrontal_types import Call, Front
 
 PANEL = 48
 # Largest admissible sum of squares of a row of L below a Cholesky block, for a matrix of norm one:
@@ -161,8 +152,8 @@ def eliminate(
 
     The panel is left-looking: the remainder is updated by matrix products every PANEL columns.
     """
-    work = np.empty(m * PANEL)
-    first, second = np.empty(m), np.empty(m)
+    work = floats(m * PANEL, 0.0)
+    first, second = floats(m, 0.0), floats(m, 0.0)
     at, panel, active, at_reset = 0, 0, k, -1
     tail = max(0, k - ROOT_TAIL) if k == m else k
     if tail < k and tail >= ROOT_TAIL:
@@ -266,7 +257,7 @@ def eliminate_definite(call: Any, front: Any, weak: float) -> bool:
     border = m - k
     if border > 0:
         solve_lower_right(call, TRANSPOSE, border, k, panel, at, m, panel, at + k, m)
-        before = np.empty(border)
+        before = floats(border, 0.0)
         for i in range(border):
             before[i] = rest[rest_at + i * rest_ld + i]
         subtract_gram(call, border, k, panel, at + k, m, rest, rest_at, rest_ld)

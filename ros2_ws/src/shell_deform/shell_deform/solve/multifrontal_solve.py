@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
+from shell_deform.kernel_arrays import floats
+from shell_deform.kernel_types import FloatRows, Void, kernel
 from shell_deform.solve.multifrontal_blas import (
     NO,
     TRANSPOSE,
@@ -19,7 +19,7 @@ from shell_deform.solve.multifrontal_blas import (
     solve_lower_right,
     solve_lower_vector,
 )
-from shell_deform.solve.multifrontal_types import FloatRows, Lower, Pivots, Void, kernel
+from shell_deform.solve.multifrontal_types import Lower, Pivots
 
 
 @kernel(Void, Lower, Pivots, FloatRows, called_from_python=True)
@@ -32,7 +32,7 @@ def forward(lower: Any, factor_pivots: Any, x: Any) -> None:
     largest = 0
     for f in range(len(pivots)):
         largest = max(largest, id_offsets[f + 1] - id_offsets[f])
-    y = np.empty(largest * columns)
+    y = floats(largest * columns, 0.0)
     done = 0
     for f in range(len(pivots)):
         mine = ids[id_offsets[f] : id_offsets[f + 1]]
@@ -105,7 +105,7 @@ def backward(lower: Any, x: Any) -> None:
     largest = 0
     for f in range(len(pivots)):
         largest = max(largest, id_offsets[f + 1] - id_offsets[f])
-    y = np.empty(largest * columns)
+    y = floats(largest * columns, 0.0)
     for f in range(len(pivots) - 1, -1, -1):
         mine = ids[id_offsets[f] : id_offsets[f + 1]]
         m, k, at = len(mine), pivots[f], value_offsets[f]

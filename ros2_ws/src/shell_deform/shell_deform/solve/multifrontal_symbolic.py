@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
-from shell_deform.compiled import compiled
+from shell_deform.kernel_arrays import integer_rows, integers, longs, small_integers
+from shell_deform.kernel_types import Bytes, Int, IntRows, Ints, Longs, Void, kernel
 from shell_deform.solve.multifrontal_forest import elimination_forest, merge_fronts, renumber
 
 
@@ -112,10 +114,10 @@ def find_fronts(
     )
 
 
-@compiled
+@kernel(Int, Ints, Longs, Longs, called_from_python=True)
 def _peak(parent: Any, heights: Any, borders: Any) -> int:
     """Largest sum of waiting complements and one whole front."""
-    freed = np.zeros(len(parent), np.int64)
+    freed = longs(len(parent), 0)
     waiting, peak = 0, 0
     for f in range(len(parent)):
         peak = max(peak, waiting + heights[f] * heights[f])
@@ -125,12 +127,12 @@ def _peak(parent: Any, heights: Any, borders: Any) -> int:
     return peak
 
 
-@compiled
+@kernel(types.Tuple((Bytes, Ints, Ints)), Ints, called_from_python=True)
 def _family(parent: Any) -> Any:
     """Depth of each front modulo two, first child and next sibling (-1: none)."""
-    parity = np.zeros(len(parent), np.int8)
-    first_child = np.full(len(parent), -1, np.int32)
-    next_child = np.full(len(parent), -1, np.int32)
+    parity = small_integers(len(parent), 0)
+    first_child = integers(len(parent), -1)
+    next_child = integers(len(parent), -1)
     for f in range(len(parent) - 1, -1, -1):
         if parent[f] >= 0:
             parity[f] = 1 - parity[parent[f]]
@@ -139,7 +141,7 @@ def _family(parent: Any) -> Any:
     return parity, first_child, next_child
 
 
-@compiled
+@kernel(Void, Ints, Int)
 def _sort(values: Any, count: int) -> None:
     """Sort values[:count] in place (shell sort, gaps of M. Ciura 2001)."""
     for gap in (1750, 701, 301, 132, 57, 23, 10, 4, 1):
@@ -152,19 +154,19 @@ def _sort(values: Any, count: int) -> None:
             values[j] = value
 
 
-@compiled
+@kernel(types.Tuple((Longs, Ints)), Ints, Ints, Ints, Ints, Ints, called_from_python=True)
 def _front_rows(indptr: Any, indices: Any, order: Any, owned: Any, parent: Any) -> Any:
     """Rows of every front, ascending: offsets (f + 1,) and positions."""
     count, fronts = len(order), len(parent)
-    position = np.empty(count, np.int32)
+    position = integers(count, 0)
     for k in range(count):
         position[order[k]] = k
-    first = np.full(fronts, -1, np.int32)
-    following = np.full(fronts, -1, np.int32)
-    offsets = np.zeros(fronts + 1, np.int64)
-    rows = np.empty(16 * count + 64, np.int32)
-    seen = np.full(count, -1, np.int32)
-    border = np.empty(count, np.int32)
+    first = integers(fronts, -1)
+    following = integers(fronts, -1)
+    offsets = longs(fronts + 1, 0)
+    rows = integers(16 * count + 64, 0)
+    seen = integers(count, -1)
+    border = integers(count, 0)
     for f in range(fronts):
         low, high = owned[f], owned[f + 1]
         size = 0
@@ -189,7 +191,7 @@ def _front_rows(indptr: Any, indices: Any, order: Any, owned: Any, parent: Any) 
         at = offsets[f]
         needed = at + (high - low) + size
         if needed > len(rows):
-            larger = np.empty(2 * needed, np.int32)
+            larger = integers(2 * needed, 0)
             for r in range(at):
                 larger[r] = rows[r]
             rows = larger
@@ -206,28 +208,38 @@ def _front_rows(indptr: Any, indices: Any, order: Any, owned: Any, parent: Any) 
     return offsets, rows[: offsets[fronts]].copy()
 
 
-@compiled
+@kernel(
+    types.Tuple((Ints, Longs, IntRows)),
+    Ints,
+    Ints,
+    Ints,
+    Ints,
+    Ints,
+    Longs,
+    Ints,
+    called_from_python=True,
+)
 def _maps(
     indptr: Any, indices: Any, order: Any, owned: Any, parent: Any, offsets: Any, rows: Any
 ) -> Any:
     """Where graph entries and borders of children land: targets, run offsets (f + 1,), runs."""
     count, fronts = len(order), len(parent)
-    position = np.empty(count, np.int32)
+    position = integers(count, 0)
     for k in range(count):
         position[order[k]] = k
-    local = np.full(count, -1, np.int32)
-    targets = np.full(len(indices), -1, np.int32)
-    run_offsets = np.zeros(fronts + 1, np.int64)
+    local = integers(count, -1)
+    targets = integers(len(indices), -1)
+    run_offsets = longs(fronts + 1, 0)
     for f in range(fronts):
         run_offsets[f + 1] = offsets[f + 1] - offsets[f] - (owned[f + 1] - owned[f])
     # Borders bound the number of runs; the runs themselves are packed at the end.
-    room = np.zeros(fronts + 1, np.int64)
+    room = longs(fronts + 1, 0)
     for f in range(fronts):
         room[f + 1] = room[f] + run_offsets[f + 1]
-    spread = np.empty((room[fronts], 3), np.int32)
-    used = np.zeros(fronts, np.int64)
-    first = np.full(fronts, -1, np.int32)
-    following = np.full(fronts, -1, np.int32)
+    spread = integer_rows(room[fronts], 3)
+    used = longs(fronts, 0)
+    first = integers(fronts, -1)
+    following = integers(fronts, -1)
     for f in range(fronts):
         for r in range(offsets[f], offsets[f + 1]):
             local[rows[r]] = r - offsets[f]
@@ -261,7 +273,7 @@ def _maps(
             first[p] = f
     for f in range(fronts):
         run_offsets[f + 1] = run_offsets[f] + used[f]
-    runs = np.empty((run_offsets[fronts], 3), np.int32)
+    runs = integer_rows(run_offsets[fronts], 3)
     for f in range(fronts):
         for r in range(used[f]):
             for c in range(3):

@@ -1,26 +1,10 @@
-"""Types and compilation of the multifrontal kernels.
-
-Signatures are written out: a kernel is compiled once, when its module is first imported, and not
-again for every constant that a caller happens to pass; later starts load it from the cache.
-"""
+"""Types of what the multifrontal kernels pass to each other."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 from numba import types
 
-from shell_deform.compiled import cached
-
-Bool, Int, Float, Void = types.boolean, types.int64, types.float64, types.void
-Floats = types.float64[::1]
-FloatRows = types.float64[:, ::1]
-Bytes = types.int8[::1]
-Ints = types.int32[::1]
-IntRows = types.int32[:, ::1]
-Longs = types.int64[::1]
-Bools = types.boolean[::1]
+from shell_deform.kernel_types import Bool, Bools, Bytes, Floats, Int, IntRows, Ints, Longs
 
 # What BLAS reads by reference: integers, numbers, letters.
 Call = types.Tuple((Ints, Floats, types.uint8[::1]))
@@ -40,20 +24,3 @@ Lower = types.Tuple((Floats, Longs, Ints, Longs, Longs))
 Pivots = types.Tuple((Bools, Floats, Floats))
 # Weak unknowns, their matrices one after the other, and the sizes of these.
 Weak = types.Tuple((Ints, Floats, Longs))
-
-
-def kernel(
-    result: Any, *arguments: Any, called_from_python: bool = False
-) -> Callable[[Callable[..., Any]], Any]:
-    """Decorator: compile for these types, free of the interpreter lock, cached on disk."""
-    options: dict[str, Any] = {
-        'nogil': True,
-        'error_model': 'numpy',
-        'no_cpython_wrapper': not called_from_python,
-        'no_cfunc_wrapper': True,
-    }
-
-    def decorate(function: Callable[..., Any]) -> Any:
-        return cached(function, result(*arguments), **options)
-
-    return decorate

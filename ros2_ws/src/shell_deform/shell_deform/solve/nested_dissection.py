@@ -10,9 +10,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components, dijkstra
 
-from shell_deform.compiled import compiled, writable
+from shell_deform.compiled import writable
+from shell_deform.kernel_arrays import floats, integer_rows, integers, longs, small_integers
+from shell_deform.kernel_types import Bytes, Float, FloatRows, Floats, Int, Ints, Void, kernel
 
 LANDMARKS = 4
 LEAF_VERTICES = 24
@@ -59,56 +63,36 @@ def _directions(dimension: int) -> NDArray[np.float64]:
     return np.ascontiguousarray(axes + tilt)
 
 
-@compiled
-def _graph_coordinates(indptr: Any, indices: Any, landmarks: int) -> Any:
+def _graph_coordinates(
+    indptr: NDArray[np.int32], indices: NDArray[np.int32], landmarks: int
+) -> NDArray[np.float64]:
     """Graph distances (n, landmarks + 1) from far-apart landmarks; components lie far apart."""
     count = len(indptr) - 1
-    result = np.zeros((count, landmarks + 1))
-    component = np.full(count, -1, np.int32)
-    queue = np.empty(count, np.int32)
-    distance = np.full(count, -1, np.int32)
-    nearest = np.empty(count, np.int32)
-    components = 0
-    for seed in range(count):
-        if component[seed] >= 0:
-            continue
-        start = seed
-        for landmark in range(-1, landmarks):
-            queue[0] = start
-            distance[start] = 0
-            head, tail = 0, 1
-            while head < tail:
-                v = queue[head]
-                head += 1
-                for q in range(indptr[v], indptr[v + 1]):
-                    w = indices[q]
-                    if distance[w] < 0:
-                        distance[w] = distance[v] + 1
-                        queue[tail] = w
-                        tail += 1
-            start = queue[tail - 1]
-            for k in range(tail):
-                v = queue[k]
-                if landmark < 0:
-                    component[v] = components
-                    nearest[v] = 2147483647
-                else:
-                    result[v, landmark] = distance[v]
-                    nearest[v] = min(nearest[v], distance[v])
-                    if nearest[v] > nearest[start]:
-                        start = v
-                distance[v] = -1
-            if landmark >= 0:
-                for k in range(tail):
-                    if nearest[queue[k]] > nearest[start]:
-                        start = queue[k]
-        components += 1
-    for v in range(count):
-        result[v, landmarks] = 2.0 * count * component[v]
+    graph = sp.csr_matrix((np.ones(len(indices)), indices, indptr), shape=(count, count))
+    component = connected_components(graph, directed=False)[1]
+    seeds = np.unique(component, return_index=True)[1]
+
+    def distance(sources: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Edges to the source in the same component."""
+        return np.asarray(dijkstra(graph, indices=sources, unweighted=True, min_only=True))
+
+    def farthest(distances: NDArray[np.float64]) -> NDArray[np.intp]:
+        """The vertex of each component with the largest distance."""
+        order = np.lexsort((distances, component))
+        return order[np.append(np.flatnonzero(np.diff(component[order])), count - 1)]
+
+    result = np.empty((count, landmarks + 1))
+    nearest = np.full(count, np.inf)
+    sources = farthest(distance(seeds))
+    for landmark in range(landmarks):
+        result[:, landmark] = distance(sources)
+        nearest = np.minimum(nearest, result[:, landmark])
+        sources = farthest(nearest)
+    result[:, landmarks] = 2.0 * count * component
     return result
 
 
-@compiled
+@kernel(Int, Ints, Ints, Bytes, Ints, Int, Int, Ints, Ints, Ints, Ints)
 def _minimum_cover(
     indptr: Any,
     indices: Any,
@@ -200,7 +184,7 @@ def _minimum_cover(
     return cover
 
 
-@compiled
+@kernel(Float, Floats, Int, Floats)
 def _median(values: Any, count: int, scratch: Any) -> float:
     """The (count // 2)-th smallest of values[:count] (Hoare's selection)."""
     for k in range(count):
@@ -227,7 +211,7 @@ def _median(values: Any, count: int, scratch: Any) -> float:
     return float(scratch[wanted])
 
 
-@compiled
+@kernel(Void, Ints, Ints, FloatRows, FloatRows, Ints, Int, called_from_python=True)
 def _dissect(
     indptr: Any, indices: Any, points: Any, directions: Any, order: Any, leaf: int
 ) -> None:
@@ -235,17 +219,17 @@ def _dissect(
     count = len(order)
     dimension = points.shape[1]
     candidates = len(directions)
-    side = np.full(count, -1, np.int8)
-    partner = np.empty(count, np.int32)
-    seen = np.empty(count, np.int32)
-    stack = np.empty(count + 1, np.int32)
-    cursor = np.empty(count + 1, np.int32)
-    values = np.empty(count)
-    best = np.empty(count, np.int8)
-    scratch = np.empty(count)
-    sizes = np.empty(3, np.int64)
+    side = small_integers(count, -1)
+    partner = integers(count, 0)
+    seen = integers(count, 0)
+    stack = integers(count + 1, 0)
+    cursor = integers(count + 1, 0)
+    values = floats(count, 0.0)
+    best = small_integers(count, 0)
+    scratch = floats(count, 0.0)
+    sizes = longs(3, 0)
     # Ranges of `order` still to be cut; each cut halves one, so few wait at a time.
-    ranges = np.empty((count + 2, 2), np.int64)
+    ranges = integer_rows(count + 2, 2)
     ranges[0, 0], ranges[0, 1] = 0, count
     waiting = 1
     while waiting > 0:

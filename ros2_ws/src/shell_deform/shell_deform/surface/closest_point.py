@@ -27,6 +27,9 @@ from .loop_basis import basis_rows
 from .patch import Patch
 from .patch_table import PatchTable, patch_table
 
+if HAVE_NUMBA:
+    from .closest_point_kernel import project_points
+
 Project = Callable[..., 'Feet']
 
 MAXIMUM_THREADS = 4
@@ -305,8 +308,6 @@ def _project_compiled(
     parameters: FloatArray,
     threads: int,
 ) -> Feet:
-    from .closest_point_kernel import project_points
-
     position, normal = np.empty_like(points), np.empty_like(points)
     on_boundary, sure = np.zeros((2, len(points)), dtype=np.bool_)
     polynomials = _polynomials(tables, control_points)
@@ -314,8 +315,8 @@ def _project_compiled(
     def work(part: slice) -> None:
         project_points(
             points[part], triangle[part], parameters[part], position[part], normal[part],
-            on_boundary[part], sure[part], control_points, polynomials, tables.patch,
-            tables.node_offsets, tables.nodes, tables.neighbour, tables.sizes, tables.halvings,
+            on_boundary[part], sure[part], tables.neighbour, control_points, polynomials,
+            tables.patch, tables.node_offsets, tables.nodes, tables.sizes, tables.halvings,
             tables.child, tables.child_offset, tables.polynomial_offset, tables.matrices,
         )  # fmt: skip
 

@@ -4,8 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from numba import types
 
-from ..compiled import compiled
+from shell_deform.kernel_arrays import float_rows, floats
+from shell_deform.kernel_types import (
+    Bools,
+    FixedLongs,
+    Float,
+    FloatBlocks,
+    FloatRows,
+    Floats,
+    Int,
+    LongRows,
+    Longs,
+    Void,
+    kernel,
+)
+
 from .closest_point_plain import (
     HALVINGS,
     LEAST_BEND,
@@ -20,8 +35,15 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
+# Control points, polynomials, patch and first node of each triangle, nodes; then by patch: sizes,
+# halvings, children, their matrices, the matrix of the polynomial; all matrices.
+SURFACE = (
+    FloatRows, FloatBlocks, FixedLongs, FixedLongs, Longs,
+    Longs, Longs, LongRows, LongRows, Longs, Floats,
+)  # fmt: skip
 
-@compiled
+
+@kernel(Void, FloatRows, Float, Float, FloatRows)
 def evaluate_polynomial(c: FloatArray, u: float, v: float, out: FloatArray) -> None:
     """Fill out (6, 3) with value, u, v, uu, uv, vv derivative of a quartic with (15, 3) terms."""
     u2, v2, uv = u * u, v * v, u * v
@@ -57,7 +79,7 @@ def evaluate_polynomial(c: FloatArray, u: float, v: float, out: FloatArray) -> N
         )  # fmt: skip
 
 
-@compiled
+@kernel(Void, Floats, Int, Int, Int, FloatRows, FloatRows)
 def apply_matrix(
     matrices: FloatArray, start: int, rows: int, columns: int, x: FloatArray, out: FloatArray
 ) -> None:
@@ -73,7 +95,7 @@ def apply_matrix(
         out[i, 0], out[i, 1], out[i, 2] = a, b, c
 
 
-@compiled
+@kernel(Void, Int, Float, Float, FloatRows, FloatRows, FloatRows, *SURFACE)
 def evaluate_triangle(
     triangle: int,
     u: float,
@@ -152,7 +174,7 @@ def evaluate_triangle(
         out[0, k] += (wanted_u * out[1, k] + wanted_v * out[2, k]) / wanted_scale
 
 
-@compiled
+@kernel(types.Tuple((Float, Int)), Float, Float, Float, Float)
 def leave_share(u: float, v: float, du: float, dv: float) -> tuple[float, int]:
     """How much of a step stays in the triangle (0..1), and the edge through which it leaves."""
     share, edge = 1.0, -1
@@ -169,7 +191,19 @@ def leave_share(u: float, v: float, du: float, dv: float) -> tuple[float, int]:
     return share, edge
 
 
-@compiled
+@kernel(
+    Void,
+    FloatRows,
+    Longs,
+    FloatRows,
+    FloatRows,
+    FloatRows,
+    Bools,
+    Bools,
+    Longs,
+    *SURFACE,
+    called_from_python=True,
+)
 def project_points(
     queries: FloatArray,
     triangle: IntArray,
@@ -178,12 +212,12 @@ def project_points(
     normal: FloatArray,
     on_boundary: BoolArray,
     sure: BoolArray,
+    neighbour: IntArray,
     control_points: FloatArray,
     polynomials: FloatArray,
     patch: IntArray,
     node_offsets: IntArray,
     nodes: IntArray,
-    neighbour: IntArray,
     sizes: IntArray,
     halvings: IntArray,
     child: IntArray,
@@ -196,10 +230,12 @@ def project_points(
     Also fills position (q, 3), normal (q, 3), on_boundary (q,), and sure (q,): False where
     another foot nearby may be nearer.
     """
-    largest = max(15, sizes.max())
-    x, y = np.empty((largest, 3)), np.empty((largest, 3))
-    here, there = np.empty((6, 3)), np.empty((6, 3))
-    r = np.empty(3)
+    largest = 15
+    for size in sizes:
+        largest = max(largest, size)
+    x, y = float_rows(largest, 3), float_rows(largest, 3)
+    here, there = float_rows(6, 3), float_rows(6, 3)
+    r = floats(3, 0.0)
     for q in range(len(queries)):
         t, u, v = triangle[q], parameters[q, 0], parameters[q, 1]
         evaluate_triangle(

@@ -10,31 +10,42 @@ from typing import Any
 
 import numpy as np
 
-from shell_deform.compiled import compiled
+from shell_deform.kernel_types import Float, FloatRows, Floats, Int, Void, kernel
 
 LINEAR, PAPER, PAPER_RESTORED, KOITER = 0, 1, 2, 3
 
 
-@compiled
+@kernel(Void, Floats, Floats, Floats)
 def _cross(a: Any, b: Any, out: Any) -> None:
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@compiled
+@kernel(Float, Floats, Floats)
 def _dot(a: Any, b: Any) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@compiled
+@kernel(Void, FloatRows, Floats, FloatRows)
 def _set_frame_curvature(tangents: Any, curvature: Any, k: Any) -> None:
     for i in range(3):
         k[0, i] = curvature[0] * tangents[0, i] + curvature[1] * tangents[1, i]
         k[1, i] = curvature[1] * tangents[0, i] + curvature[2] * tangents[1, i]
 
 
-@compiled
+@kernel(
+    Void,
+    Int,
+    FloatRows,
+    FloatRows,
+    FloatRows,
+    Floats,
+    Floats,
+    FloatRows,
+    FloatRows,
+    called_from_python=True,
+)
 def point_strains(
     theory: int,
     q: Any,
@@ -125,7 +136,7 @@ def point_strains(
         strain[5] -= 2.0 * curvature[1]
 
 
-@compiled
+@kernel(Float, Floats, FloatRows, FloatRows, Floats, called_from_python=True)
 def point_stress(strain: Any, membrane: Any, bending: Any, stress: Any) -> float:
     """Stress resultants (6,) from strains, by (3, 3) stiffnesses; returns the energy density."""
     energy = 0.0
@@ -140,7 +151,7 @@ def point_stress(strain: Any, membrane: Any, bending: Any, stress: Any) -> float
     return energy
 
 
-@compiled
+@kernel(Void, FloatRows, Int, Int, Floats, Float)
 def _add_cross(h: Any, row: int, column: int, v: Any, factor: float) -> None:
     h[row, column + 1] -= factor * v[2]
     h[row, column + 2] += factor * v[1]
@@ -150,23 +161,7 @@ def _add_cross(h: Any, row: int, column: int, v: Any, factor: float) -> None:
     h[row + 2, column + 1] += factor * v[0]
 
 
-@compiled
-def add_point_hessian(theory: int, q: Any, stress: Any, work: Any, blocks: Any, h: Any) -> None:
-    """Add sum_k stress_k d2(strain_k)/dq2 to h (15, 15); call after `point_strains`."""
-    if theory == LINEAR:
-        return
-    for i in range(3):
-        h[i, i] += stress[0]
-        h[3 + i, 3 + i] += stress[1]
-        h[i, 3 + i] += stress[2]
-        h[3 + i, i] += stress[2]
-    if theory == KOITER:
-        _add_koiter_bending(q, stress, work[1], work[4:6], blocks[0, 0], h)
-    else:
-        _add_paper_bending(q, stress, blocks, h)
-
-
-@compiled
+@kernel(Void, FloatRows, Floats, Floats, FloatRows, Floats, FloatRows)
 def _add_koiter_bending(q: Any, stress: Any, normal: Any, dual: Any, c: Any, h: Any) -> None:
     """d2(c . n) with c = sum of moments times a_ij, by dn = -(n . da_x) a^x taken twice.
 
@@ -191,10 +186,10 @@ def _add_koiter_bending(q: Any, stress: Any, normal: Any, dual: Any, c: Any, h: 
                     h[3 * y + j, 3 * x + i] -= part
 
 
-@compiled
+@kernel(Void, FloatRows, Floats, FloatRows, FloatRows)
 def _add_paper_bending(q: Any, stress: Any, blocks: Any, h: Any) -> None:
     """d2(c . m) with m = a_1 x a_2 and c = sum of moments times a_ij."""
-    by_1, by_2, c = blocks[0], blocks[1], blocks[2, 0]  # dm/da_1, dm/da_2
+    by_1, by_2, c = blocks[0:3], blocks[3:6], blocks[6]  # dm/da_1, dm/da_2
     by_1[:, :] = 0.0
     by_2[:, :] = 0.0
     _add_cross(by_1, 0, 0, q[1], -1.0)
@@ -212,3 +207,22 @@ def _add_paper_bending(q: Any, stress: Any, blocks: Any, h: Any) -> None:
         c[i] = stress[3] * q[2, i] + stress[4] * q[4, i] + 2.0 * stress[5] * q[3, i]
     _add_cross(h, 0, 3, c, -1.0)
     _add_cross(h, 3, 0, c, 1.0)
+
+
+@kernel(Void, Int, FloatRows, Floats, FloatRows, FloatRows, FloatRows, called_from_python=True)
+def add_point_hessian(theory: int, q: Any, stress: Any, work: Any, blocks: Any, h: Any) -> None:
+    """Add sum_k stress_k d2(strain_k)/dq2 to h (15, 15); call after `point_strains`.
+
+    `blocks` (7, 3) is work space.
+    """
+    if theory == LINEAR:
+        return
+    for i in range(3):
+        h[i, i] += stress[0]
+        h[3 + i, 3 + i] += stress[1]
+        h[i, 3 + i] += stress[2]
+        h[3 + i, i] += stress[2]
+    if theory == KOITER:
+        _add_koiter_bending(q, stress, work[1], work[4:6], blocks[6], h)
+    else:
+        _add_paper_bending(q, stress, blocks, h)

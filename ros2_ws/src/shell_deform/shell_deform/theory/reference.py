@@ -72,9 +72,9 @@ def frame_rows(first_rows: Array, second_rows: Array, coefficients: Array) -> Ar
 
 def reference_points(derivatives: Array, area: Array) -> ReferencePoints:
     """Reference quantities from derivative vectors (p, 5, 3) along an orthonormal frame."""
-    tangents = derivatives[:, :2]
+    tangents = np.ascontiguousarray(derivatives[:, :2])
     normal = np.cross(tangents[:, 0], tangents[:, 1])
-    second = derivatives[:, 2:]
+    second = np.ascontiguousarray(derivatives[:, 2:])
     return ReferencePoints(
         tangents=tangents,
         normal=normal,

@@ -333,7 +333,7 @@ def test_the_life_cycle_is_managed_when_autostart_is_off(start, listener):
     listener.next_contacts()
     assert change(Transition.TRANSITION_DEACTIVATE)
     assert change(Transition.TRANSITION_CLEANUP)
-    assert not listener.node.get_publishers_info_by_topic('hand/contacts')
+    listener.until(lambda: not listener.node.get_publishers_info_by_topic('hand/contacts'))
     assert change(Transition.TRANSITION_CONFIGURE)
     assert change(Transition.TRANSITION_ACTIVATE)
     listener.next_contacts()

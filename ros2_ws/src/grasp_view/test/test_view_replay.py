@@ -61,7 +61,7 @@ def test_the_recorded_ball_is_dragged_to_its_deepest_dent_and_back(
     # The recording's README: 9.96 mm on the middle surface.
     wait_until(lambda: displacement_mm(tab) > 8.0, 60, lambda: replay.text)
     wait_until(lambda: np.abs(picture(tab) - before).max() > 20, 60)
-    assert tab.locator('.grasp-state').inner_text() in ('CONTACT', 'SATURATED')
+    wait_until(lambda: tab.locator('.grasp-state').inner_text() in ('CONTACT', 'SATURATED'), 60)
 
     tab.get_by_role('button', name='Pause').click()
     wait_until(lambda: answered('pause: done, paused') and paused(), 60)

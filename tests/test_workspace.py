@@ -70,21 +70,34 @@ def install(tmp_path_factory):
     return base / 'install'
 
 
-@pytest.mark.timeout(400)
-@pytest.mark.parametrize(('package', 'name'), ALL)
-def test_every_executable_starts_from_the_colcon_install(install, package, name):
-    path = install / package / 'lib' / package / name
+def from_install(install, *arguments):
+    """What a Python process prints that finds the packages in the built workspace first."""
     sites = sorted(install.glob('*/lib/python*/site-packages'))
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(map(str, sites))}
-    started = subprocess.run(
-        [sys.executable, str(path), '--help'],
+    return subprocess.run(
+        [sys.executable, *arguments],
         capture_output=True,
         text=True,
         timeout=60,
         check=False,
         env=environment,
     )
+
+
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize(('package', 'name'), ALL)
+def test_every_executable_starts_from_the_colcon_install(install, package, name):
+    started = from_install(install, install / package / 'lib' / package / name, '--help')
     assert started.returncode == 0, started.stderr
     assert 'usage:' in started.stdout
     index = install / package / 'share' / 'ament_index' / 'resource_index' / 'packages' / package
     assert index.is_file()
+
+
+@pytest.mark.timeout(400)
+def test_the_first_use_of_the_colcon_install_finds_its_kernels_compiled(install):
+    code = 'import shell_deform.kernel_types as k; print(k.__file__, k.COMPLETE)'
+    first = from_install(install, '-c', code)
+    place, complete = first.stdout.split()
+    assert Path(place).is_relative_to(install)
+    assert (complete, first.stderr) == ('True', '')

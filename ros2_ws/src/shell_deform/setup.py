@@ -1,13 +1,32 @@
 """Build description of shell_deform (ament_python)."""
 
+import subprocess
+import sys
 from glob import glob
 
 from setuptools import find_packages, setup
+from setuptools.command.install import install
 
 PACKAGE = 'shell_deform'
 
+
+class CompiledInstall(install):
+    """Install, then compile the kernels there, so that the first start only loads them."""
+
+    def run(self):
+        """Install and compile, but not into the root of a package that is built for others."""
+        super().run()
+        if self.root is None:
+            compile_kernels = [sys.executable, '-m', f'{PACKAGE}.compile_cache']
+            # colcon takes whatever comes on stderr for a warning.
+            subprocess.run(
+                compile_kernels, cwd=self.install_lib, stderr=subprocess.STDOUT, check=False
+            )
+
+
 setup(
     name=PACKAGE,
+    cmdclass={'install': CompiledInstall},
     version='0.1.0',
     packages=find_packages(exclude=['test']),
     package_data={PACKAGE: ['py.typed', '**/*.json', '**/*.yaml']},

@@ -79,19 +79,7 @@ def point_force(weight: float, stress: Any, jac: Any, force: Any) -> None:
         force[d] = weight * value
 
 
-@kernel(
-    Float,
-    Int,
-    Longs,
-    Longs,
-    Longs,
-    Longs,
-    FloatRows,
-    *WALL,
-    FloatRows,
-    FloatRows,
-    called_from_python=True,
-)
+@kernel(Float, Int, *POINTS, *WALL, FloatRows, FloatRows, called_from_python=True)
 def shell_gradient(
     theory: int,
     node_offsets: Any,
@@ -240,26 +228,10 @@ def mirror(block_rows: Any, row_length: Any, indices: Any, data: Any) -> None:
 
 
 @kernel(
-    Float,
-    Int,
-    Float,
-    Longs,
-    Longs,
-    Longs,
-    Longs,
-    FloatRows,
-    Floats,
-    *WALL,
-    FloatRows,
-    FloatRows,
-    Longs,
-    Longs,
-    Ints,
-    Longs,
-    Ints,
-    Floats,
+    Float, Int, Float, *POINTS, Floats, *WALL, FloatRows, FloatRows, Longs, Longs, Ints, Longs,
+    Ints, Floats,
     called_from_python=True,
-)
+)  # fmt: skip
 def shell_tangent(
     theory: int,
     pressure: float,
@@ -342,19 +314,7 @@ def shell_tangent(
     return total
 
 
-@kernel(
-    Float,
-    Longs,
-    Longs,
-    Longs,
-    Longs,
-    FloatRows,
-    Floats,
-    Floats,
-    FloatRows,
-    FloatRows,
-    called_from_python=True,
-)
+@kernel(Float, *POINTS, Floats, Floats, FloatRows, FloatRows, called_from_python=True)
 def volume_gradient(
     node_offsets: Any,
     nodes: Any,

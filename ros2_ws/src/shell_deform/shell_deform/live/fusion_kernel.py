@@ -41,34 +41,11 @@ def _put(
 
 
 @kernel(
-    Int,
-    Bool,
-    Bool,
-    Floats,
-    Floats,
-    Floats,
-    Floats,
-    Floats,
-    Float,
-    Floats,
-    Floats,
-    FloatRows,
-    FloatRows,
-    FloatRows,
-    Longs,
-    Bools,
-    Floats,
-    Floats,
-    Floats,
-    Floats,
-    Floats,
-    Floats,
-    FloatRows,
-    Floats,
-    Longs,
-    Longs,
+    Int, Bool, Bool, Floats, Floats, Floats, Floats, Floats, Float, Floats, Floats, FloatRows,
+    FloatRows, FloatRows, Longs, Bools, Floats, Floats, Floats, Floats, Floats, Floats, FloatRows,
+    Floats, Longs, Longs,
     called_from_python=True,
-)
+)  # fmt: skip
 def assemble(
     use_force: bool,
     use_travel: bool,
@@ -155,8 +132,9 @@ def assemble(
 
 
 @kernel(
-    types.Tuple((Float, Int)), FloatRows, Floats, Int, Floats, FloatRows, called_from_python=True
-)
+    types.Tuple((Float, Int)), FloatRows, Floats, Int, Floats, FloatRows,
+    called_from_python=True,
+)  # fmt: skip
 def solve(rows: Any, values: Any, count: int, inputs: Any, root: Any) -> tuple[float, int]:
     """Least squares of the first `count` rows; returns chi squared and the most strained row.
 

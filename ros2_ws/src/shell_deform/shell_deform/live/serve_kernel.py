@@ -74,25 +74,10 @@ if HAVE_NUMBA:
     from shell_deform.kernel_types import Float, FloatBlocks, FloatRows, Floats, kernel
 
     @kernel(
-        Float,
-        FloatRows,
-        FloatRows,
-        FloatRows,
-        FloatBlocks,
-        Floats,
-        FloatRows,
-        FloatRows,
-        Float,
-        Float,
-        Floats,
-        Float,
-        Float,
-        FloatRows,
-        Floats,
-        FloatRows,
-        types.float32[:, ::1],
+        Float, FloatRows, FloatRows, FloatRows, FloatBlocks, Floats, FloatRows, FloatRows, Float,
+        Float, Floats, Float, Float, FloatRows, Floats, FloatRows, types.float32[:, ::1],
         called_from_python=True,
-    )
+    )  # fmt: skip
     def _serve(
         rest: Any,
         surface: Any,

@@ -60,16 +60,9 @@ def _integer_room(array: Any, used: int, needed: int) -> Any:
 
 
 @kernel(
-    types.Tuple((Lower, Pivots, Weak, Floats)),
-    Matrix,
-    Tree,
-    Floats,
-    Ints,
-    Floats,
-    Float,
-    Float,
+    types.Tuple((Lower, Pivots, Weak, Floats)), Matrix, Tree, Floats, Ints, Floats, Float, Float,
     called_from_python=True,
-)
+)  # fmt: skip
 def factorise_fronts(
     matrix: Any, tree: Any, values: Any, ids: Any, stack: Any, threshold: float, weak: float
 ) -> Any:

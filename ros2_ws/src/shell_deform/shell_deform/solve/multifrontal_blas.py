@@ -68,25 +68,9 @@ def new_call() -> Any:
 
 
 @kernel(
-    Void,
-    Call,
-    Int,
-    Int,
-    Int,
-    Int,
-    Int,
-    Float,
-    Floats,
-    Int,
-    Int,
-    Floats,
-    Int,
-    Int,
-    Float,
-    Floats,
-    Int,
-    Int,
-)
+    Void, Call, Int, Int, Int, Int, Int, Float, Floats, Int, Int, Floats, Int, Int, Float, Floats,
+    Int, Int,
+)  # fmt: skip
 def gemm(
     call: Any,
     transpose_a: int,

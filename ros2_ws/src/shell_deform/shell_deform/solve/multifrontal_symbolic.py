@@ -209,16 +209,9 @@ def _front_rows(indptr: Any, indices: Any, order: Any, owned: Any, parent: Any) 
 
 
 @kernel(
-    types.Tuple((Ints, Longs, IntRows)),
-    Ints,
-    Ints,
-    Ints,
-    Ints,
-    Ints,
-    Longs,
-    Ints,
+    types.Tuple((Ints, Longs, IntRows)), Ints, Ints, Ints, Ints, Ints, Longs, Ints,
     called_from_python=True,
-)
+)  # fmt: skip
 def _maps(
     indptr: Any, indices: Any, order: Any, owned: Any, parent: Any, offsets: Any, rows: Any
 ) -> Any:

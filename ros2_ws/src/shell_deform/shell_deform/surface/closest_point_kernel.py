@@ -192,18 +192,9 @@ def leave_share(u: float, v: float, du: float, dv: float) -> tuple[float, int]:
 
 
 @kernel(
-    Void,
-    FloatRows,
-    Longs,
-    FloatRows,
-    FloatRows,
-    FloatRows,
-    Bools,
-    Bools,
-    Longs,
-    *SURFACE,
+    Void, FloatRows, Longs, FloatRows, FloatRows, FloatRows, Bools, Bools, Longs, *SURFACE,
     called_from_python=True,
-)
+)  # fmt: skip
 def project_points(
     queries: FloatArray,
     triangle: IntArray,

@@ -35,17 +35,9 @@ def _set_frame_curvature(tangents: Any, curvature: Any, k: Any) -> None:
 
 
 @kernel(
-    Void,
-    Int,
-    FloatRows,
-    FloatRows,
-    FloatRows,
-    Floats,
-    Floats,
-    FloatRows,
-    FloatRows,
+    Void, Int, FloatRows, FloatRows, FloatRows, Floats, Floats, FloatRows, FloatRows,
     called_from_python=True,
-)
+)  # fmt: skip
 def point_strains(
     theory: int,
     q: Any,

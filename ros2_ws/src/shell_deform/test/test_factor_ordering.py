@@ -75,6 +75,20 @@ def test_a_lattice_with_ties_is_cut_along_its_short_side():
     assert np.ptp(first_cut[:, 0]) <= 2.0
 
 
+def test_distances_in_the_graph_stand_in_for_coordinates():
+    vertices, triangles = geodesic_sphere(8)
+    indptr, indices = graph_arrays(loop_pattern(vertices, triangles))
+    placed, unplaced = (
+        find_fronts(indptr, indices, nested_dissection(indptr, indices, where), 3)
+        for where in (vertices, None)
+    )
+    assert unplaced.stored_entries(3) < 1.2 * placed.stored_entries(3)
+
+
+def test_an_empty_graph_has_an_empty_order():
+    assert len(nested_dissection(np.zeros(1, np.int32), np.zeros(0, np.int32))) == 0
+
+
 def test_vertices_on_one_point_are_left_as_they_are():
     _, graph = grid_graph(8, 8)
     order = nested_dissection(*graph_arrays(graph), np.zeros((64, 3)))

@@ -37,18 +37,13 @@ def nested_dissection(
     Source: A. George (1973), doi:10.1137/0710032; Koenig's theorem for the vertex cover.
     """
     count = len(indptr) - 1
+    order = np.arange(count, dtype=np.int32)
+    if count <= leaf_vertices:
+        return order
     if coordinates is None:
         coordinates = _graph_coordinates(indptr, indices, LANDMARKS)
     points = writable(np.asarray(coordinates, dtype=np.float64).reshape(count, -1))
-    order = np.arange(count, dtype=np.int32)
-    _dissect(
-        indptr,
-        indices,
-        points,
-        _directions(points.shape[1]),
-        order,
-        leaf_vertices,
-    )
+    _dissect(indptr, indices, points, _directions(points.shape[1]), order, leaf_vertices)
     return order
 
 

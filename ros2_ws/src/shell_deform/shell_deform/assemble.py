@@ -40,8 +40,8 @@ class Discretisation(ShellPoints):
     """The undeformed shell, and energy, gradient and stiffness of any deformed one.
 
     Attributes:
-        threads: that assemble the stiffness, each its share of the elements. The answer of
-            several differs from that of one by round-off.
+        threads: that assemble the stiffness, each its share of the elements; plain numpy has
+            one. The answer of several differs from that of one by round-off.
     """
 
     threads: int = 1

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from shell_deform import assemble_numpy
-from shell_deform.compiled import HAVE_NUMBA, writable
+from shell_deform.compiled import HAVE_NUMBA
 from shell_deform.shell_points import ShellPoints
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.loop_basis import QuadratureBasis, quadrature_basis
@@ -62,7 +62,7 @@ class Discretisation(ShellPoints):
         """Strain energy [J] and its gradient (n, 3) [N]."""
         if not HAVE_NUMBA:
             return assemble_numpy.shell_gradient(self, theory, positions)
-        positions = writable(positions)
+        positions = np.ascontiguousarray(positions)
         gradient = np.zeros_like(positions)
         code = THEORIES[theory].code
         arguments: Any = (
@@ -84,7 +84,7 @@ class Discretisation(ShellPoints):
         """
         if not HAVE_NUMBA:
             return assemble_numpy.shell_tangent(self, theory, positions, pressure)
-        positions = writable(positions)
+        positions = np.ascontiguousarray(positions)
         elements = len(self.node_offsets) - 1
         bounds = [elements * i // self.threads for i in range(self.threads + 1)]
 
@@ -131,7 +131,7 @@ class Discretisation(ShellPoints):
         """Volume inside the middle surface [m^3] and its gradient (n, 3) [m^2]."""
         if not HAVE_NUMBA:
             return assemble_numpy.volume_gradient(self, positions)
-        positions = writable(positions)
+        positions = np.ascontiguousarray(positions)
         gradient = np.zeros_like(positions)
         arguments: Any = (*self._volume_arguments(), positions, gradient)
         return assemble_kernels.volume_gradient(*arguments), gradient

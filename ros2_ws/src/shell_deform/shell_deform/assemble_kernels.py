@@ -10,6 +10,7 @@ from typing import Any
 
 from shell_deform.kernel_arrays import float_rows, floats, longs
 from shell_deform.kernel_types import (
+    FixedFloatRows,
     Float,
     FloatBlocks,
     FloatRows,
@@ -28,7 +29,7 @@ WALL = (FloatBlocks, FloatBlocks, FloatRows, Floats, FloatBlocks, FloatBlocks)
 POINTS = (Longs, Longs, Longs, Longs, FloatRows)
 
 
-@kernel(Void, Longs, FloatRows, FloatRows, FloatRows)
+@kernel(Void, Longs, FloatRows, FixedFloatRows, FloatRows)
 def gather_derivatives(nodes: Any, rows: Any, positions: Any, q: Any) -> None:
     """Derivative vectors q (5, 3) at a point from control positions (n, 3)."""
     for i in range(3):
@@ -44,7 +45,7 @@ def gather_derivatives(nodes: Any, rows: Any, positions: Any, q: Any) -> None:
         q[0, i], q[1, i], q[2, i], q[3, i], q[4, i] = q_0, q_1, q_2, q_3, q_4
 
 
-@kernel(Void, Longs, Floats, FloatRows, Floats)
+@kernel(Void, Longs, Floats, FixedFloatRows, Floats)
 def gather_place(nodes: Any, values: Any, positions: Any, x: Any) -> None:
     """Place x (3,) of a point from control positions (n, 3)."""
     for i in range(3):
@@ -79,7 +80,7 @@ def point_force(weight: float, stress: Any, jac: Any, force: Any) -> None:
         force[d] = weight * value
 
 
-@kernel(Float, Int, *POINTS, *WALL, FloatRows, FloatRows, called_from_python=True)
+@kernel(Float, Int, *POINTS, *WALL, FixedFloatRows, FloatRows, called_from_python=True)
 def shell_gradient(
     theory: int,
     node_offsets: Any,
@@ -228,8 +229,8 @@ def mirror(block_rows: Any, row_length: Any, indices: Any, data: Any) -> None:
 
 
 @kernel(
-    Float, Int, Float, *POINTS, Floats, *WALL, FloatRows, FloatRows, Longs, Longs, Ints, Longs,
-    Ints, Floats,
+    Float, Int, Float, *POINTS, Floats, *WALL, FixedFloatRows, FloatRows, Longs, Longs, Ints,
+    Longs, Ints, Floats,
     called_from_python=True,
 )  # fmt: skip
 def shell_tangent(
@@ -314,7 +315,7 @@ def shell_tangent(
     return total
 
 
-@kernel(Float, *POINTS, Floats, Floats, FloatRows, FloatRows, called_from_python=True)
+@kernel(Float, *POINTS, Floats, Floats, FixedFloatRows, FloatRows, called_from_python=True)
 def volume_gradient(
     node_offsets: Any,
     nodes: Any,

@@ -16,9 +16,6 @@ import importlib.util
 import warnings
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 HAVE_NUMBA = importlib.util.find_spec('numba') is not None
 
 if not HAVE_NUMBA:  # pragma: no cover - numba is there in every locked environment
@@ -66,8 +63,3 @@ def cache_folder() -> Path | None:
         if 'no locator available' not in str(error):
             raise
         return None
-
-
-def writable(array: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The array, copied only if it is read-only: for such ones numba compiles a kernel anew."""
-    return np.require(array, requirements=('C', 'W'))

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 # Fits are repeated until the modulus that the weights were made for is within that share.
 SLOPE_TOLERANCE, PASSES = 0.1, 4
+# Step of the logarithm of the modulus, and of the pressure over that of the air around.
+DIFFERENCE = 1e-4
 # A parameter is told apart when its relative sigma is below this.
 SEPARABLE_SIGMA = 0.25
 
@@ -162,6 +164,19 @@ def identify(
         expected = force * (1.0 + gain * data.sigma_gain) + zero * data.sigma_zero
         return np.concatenate([(expected - data.force) / sigma, nuisance])
 
+    def jacobian(parameters: Array, sigma: Array) -> Array:
+        # Differences of what needs the solver only, by steps that do not vanish with the value.
+        force, nuisance = model_force(parameters)
+        gain = _shared(nuisance, shared)[1]
+        columns = []
+        for step in DIFFERENCE * np.eye(len(parameters))[:wanted]:
+            moved = model_force(parameters + step)[0]
+            columns.append((1.0 + gain * data.sigma_gain) * (moved - force) / DIFFERENCE)
+        of_shared = np.full_like(force, data.sigma_zero), data.sigma_gain * force
+        columns += [column for column, there in zip(of_shared, shared, strict=True) if there]
+        prior = np.eye(len(parameters))[wanted:]
+        return np.concatenate([np.stack(columns, axis=1) / sigma[:, None], prior])
+
     first = [np.log(young)] + [gauge / scale] * pressure + [0.0] * priors
     low = [-np.inf] + [-0.5] * pressure + [-np.inf] * priors
     high = [np.inf] + [10.0] * pressure + [np.inf] * priors
@@ -170,7 +185,7 @@ def identify(
         slope = _slope(curve, data, young, gauge)
         sigma = np.hypot(data.sigma_force, slope * data.sigma_displacement)
         fit = least_squares(
-            residual, first, diff_step=1e-4, xtol=1e-8, ftol=1e-10, x_scale='jac',
+            residual, first, jacobian, xtol=1e-8, ftol=1e-10, x_scale='jac',
             bounds=(low, high), args=(sigma,),
         )  # fmt: skip
         before, young = young, float(np.exp(fit.x[0]))

@@ -33,7 +33,9 @@ Bytes = types.int8[::1]
 Ints = types.int32[::1]
 IntRows = types.int32[:, ::1]
 Longs = types.int64[::1]
+# What is only read may also be an array that cannot be written.
 FixedLongs = types.Array(types.int64, 1, 'C', readonly=True)
+FixedFloatRows = types.Array(types.float64, 2, 'C', readonly=True)
 LongRows = types.int64[:, ::1]
 Bools = types.boolean[::1]
 

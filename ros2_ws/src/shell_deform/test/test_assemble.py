@@ -66,6 +66,14 @@ def test_several_threads_assemble_what_one_does(shell, bent):
             np.testing.assert_allclose(ours, expected, rtol=0.0, atol=1e-13 * scale)
 
 
+def test_positions_may_be_an_array_that_cannot_be_written(shell, bent):
+    fixed = bent.copy()
+    fixed.flags.writeable = False
+    assert shell.gradient('koiter', fixed)[0] == shell.gradient('koiter', bent)[0]
+    assert shell.tangent('koiter', fixed)[0] == shell.tangent('koiter', bent)[0]
+    assert shell.volume(fixed)[0] == shell.volume(bent)[0]
+
+
 def test_volume_and_its_derivatives_equal_their_numpy_twins(shell, bent):
     volume, gradient = shell.volume(bent)
     twin_volume, twin_gradient = assemble_numpy.volume_gradient(shell, bent)

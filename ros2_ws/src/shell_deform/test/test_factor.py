@@ -334,7 +334,7 @@ def test_blas_threads_are_given_back_after_a_factorisation(sphere):
 
 
 def test_unconnected_parts_are_factorised_together():
-    part = np.array([[2.0, 1.0], [1.0, -3.0]])
+    part = scipy.sparse.csr_array([[2.0, 1.0], [1.0, -3.0]])
     matrix = scipy.sparse.csr_array(scipy.sparse.block_diag([part] * 40))
     factor = factorise(analyse(matrix, block=1), matrix)
     assert factor.inertia == Inertia(40, 40, 0)

@@ -14,9 +14,18 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from shell_deform.compiled import writable
 from shell_deform.kernel_arrays import floats, integer_rows, integers, longs, small_integers
-from shell_deform.kernel_types import Bytes, Float, FloatRows, Floats, Int, Ints, Void, kernel
+from shell_deform.kernel_types import (
+    Bytes,
+    FixedFloatRows,
+    Float,
+    FloatRows,
+    Floats,
+    Int,
+    Ints,
+    Void,
+    kernel,
+)
 
 LANDMARKS = 4
 LEAF_VERTICES = 24
@@ -42,7 +51,7 @@ def nested_dissection(
         return order
     if coordinates is None:
         coordinates = _graph_coordinates(indptr, indices, LANDMARKS)
-    points = writable(np.asarray(coordinates, dtype=np.float64).reshape(count, -1))
+    points = np.ascontiguousarray(coordinates, dtype=np.float64).reshape(count, -1)
     _dissect(indptr, indices, points, _directions(points.shape[1]), order, leaf_vertices)
     return order
 
@@ -206,7 +215,7 @@ def _median(values: Any, count: int, scratch: Any) -> float:
     return float(scratch[wanted])
 
 
-@kernel(Void, Ints, Ints, FloatRows, FloatRows, Ints, Int, called_from_python=True)
+@kernel(Void, Ints, Ints, FixedFloatRows, FloatRows, Ints, Int, called_from_python=True)
 def _dissect(
     indptr: Any, indices: Any, points: Any, directions: Any, order: Any, leaf: int
 ) -> None:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from ..compiled import HAVE_NUMBA, writable
+from ..compiled import HAVE_NUMBA
 from . import closest_point_plain
 from .box_spline import COEFFICIENTS
 from .control_mesh import BoolArray, ControlMesh, FloatArray, IntArray
@@ -165,8 +165,8 @@ def closest_points(
     Raises:
         ValueError: a query is not finite or has no three coordinates.
     """
-    points = writable(np.asarray(queries, dtype=np.float64))
-    control_points = writable(control_points)
+    points = np.ascontiguousarray(queries, dtype=np.float64)
+    control_points = np.ascontiguousarray(control_points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f'queries have shape {points.shape}; (q, 3) is needed')
     if not np.isfinite(points).all():

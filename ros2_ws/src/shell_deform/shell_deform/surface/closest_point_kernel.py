@@ -9,6 +9,7 @@ from numba import types
 from shell_deform.kernel_arrays import float_rows, floats
 from shell_deform.kernel_types import (
     Bools,
+    FixedFloatRows,
     FixedLongs,
     Float,
     FloatBlocks,
@@ -38,7 +39,7 @@ BoolArray = npt.NDArray[np.bool_]
 # Control points, polynomials, patch and first node of each triangle, nodes; then by patch: sizes,
 # halvings, children, their matrices, the matrix of the polynomial; all matrices.
 SURFACE = (
-    FloatRows, FloatBlocks, FixedLongs, FixedLongs, Longs,
+    FixedFloatRows, FloatBlocks, FixedLongs, FixedLongs, Longs,
     Longs, Longs, LongRows, LongRows, Longs, Floats,
 )  # fmt: skip
 
@@ -192,7 +193,7 @@ def leave_share(u: float, v: float, du: float, dv: float) -> tuple[float, int]:
 
 
 @kernel(
-    Void, FloatRows, Longs, FloatRows, FloatRows, FloatRows, Bools, Bools, Longs, *SURFACE,
+    Void, FixedFloatRows, Longs, FloatRows, FloatRows, FloatRows, Bools, Bools, Longs, *SURFACE,
     called_from_python=True,
 )  # fmt: skip
 def project_points(

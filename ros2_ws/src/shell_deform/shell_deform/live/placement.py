@@ -66,9 +66,9 @@ def place(
             surface, control_points, half_wall, pose, measured, inward, sigma_point, sigma_normal
         )
         normal_matrix = jacobian.T @ jacobian + np.diag(prior**2)
-        step = np.linalg.solve(normal_matrix, -jacobian.T @ residual - prior**2 * away)
-        limit = 0.3 / max(0.3, float(np.linalg.norm(step[3:])))
-        step *= limit
+        free = np.linalg.solve(normal_matrix, -jacobian.T @ residual - prior**2 * away)
+        limit = 0.3 / max(0.3, float(np.linalg.norm(free[3:])))
+        step = np.asarray(limit * free, dtype=float)
         away = away + step
         pose = Pose(
             pose.rotation @ rotation_of(step[3:]), pose.translation + pose.rotation @ step[:3]

@@ -128,7 +128,7 @@ def _dart_limit_weights(ring_size: int, sharp: int) -> FloatArray:
     system = np.vstack([matrix.T - np.eye(1 + ring_size), np.ones(1 + ring_size)])
     right = np.zeros(2 + ring_size)
     right[-1] = 1.0
-    return np.linalg.lstsq(system, right, rcond=None)[0]
+    return np.asarray(np.linalg.lstsq(system, right, rcond=None)[0], dtype=float)
 
 
 @dataclass(frozen=True)

@@ -117,9 +117,10 @@ def _replay(bag: Bag, options: ReplayOptions, ros_arguments: list[str]) -> int:
         return _play(player, options)
     finally:
         rclpy.try_shutdown()
-        executor.shutdown()
+        # The executor wakes and ends with the context; it must not lose its parts while it spins.
         if services.is_alive():
             services.join()
+        executor.shutdown()
         if node is not None:
             node.senders.close()
             node.destroy_node()

@@ -37,14 +37,13 @@ COMPILING = 'SHELL_DEFORM_COMPILING'
 """Environment variable of the processes that compile."""
 
 
-def prepare() -> bool:
-    """Compile all kernels if no earlier start has; called before the first of them is.
+def prepare(folder: Path) -> bool:
+    """Compile all kernels into the cache if no earlier start has; before the first of them is.
 
-    Returns whether the cache now has them all. Where no cache can be written, and in the processes
-    that compile, each is compiled where it is imported.
+    Returns whether the cache now has them all. In the processes that compile, each is compiled
+    where it is imported.
     """
-    folder = cache_folder()
-    if COMPILING in os.environ or folder is None:
+    if COMPILING in os.environ:
         return False
     complete = _complete(folder)
     if not complete.exists():

@@ -15,15 +15,15 @@ from numba import njit, types
 from shell_deform.compile_cache import prepare
 from shell_deform.compiled import REVISION, cache_folder
 
-CACHED = cache_folder() is not None
-if not CACHED:
+FOLDER = cache_folder()
+if FOLDER is None:
     warnings.warn(
         'compiled kernels cannot be kept: neither the installation nor the cache of this user can '
         'be written, so every start compiles anew; set NUMBA_CACHE_DIR to a folder that can',
         RuntimeWarning,
         stacklevel=2,
     )
-COMPLETE = prepare()
+COMPLETE = FOLDER is not None and prepare(FOLDER)
 
 Bool, Int, Float, Void = types.boolean, types.int64, types.float64, types.void
 Floats = types.float64[::1]
@@ -46,7 +46,7 @@ def kernel(
     """Decorator: compile for these types, under a name that no other version has."""
 
     options: dict[str, Any] = {
-        'cache': CACHED and called_from_python,
+        'cache': FOLDER is not None and called_from_python,
         'nogil': True,
         'error_model': 'numpy',
         'no_cpython_wrapper': not called_from_python,

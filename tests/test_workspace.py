@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -56,24 +57,33 @@ def test_locks_are_hashed_and_name_no_index(lock):
     assert all('--hash=sha256:' in block for block in blocks)
 
 
-@pytest.fixture(scope='module')
-def install(tmp_path_factory):
-    """The workspace built by colcon, as on a cell, but outside the source tree."""
-    base = tmp_path_factory.mktemp('colcon')
+def build(base, sources, *options):
+    """Build the packages of these sources by colcon, in that folder."""
     command = [
-        sys.executable, '-m', 'colcon', '--log-base', str(base / 'log'), 'build',
-        '--base-paths', str(ROOT / 'ros2_ws' / 'src'),
+        sys.executable, '-m', 'colcon', '--log-base', str(base / 'log'), 'build', *options,
+        '--base-paths', str(sources),
         '--build-base', str(base / 'build'), '--install-base', str(base / 'install'),
     ]  # fmt: skip
     built = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert built.returncode == 0, built.stdout + built.stderr
+
+
+@pytest.fixture(scope='module')
+def install(tmp_path_factory):
+    """The workspace built by colcon, as on a cell, but outside the source tree."""
+    base = tmp_path_factory.mktemp('colcon')
+    build(base, ROOT / 'ros2_ws' / 'src')
     return base / 'install'
 
 
-def from_install(install, *arguments):
-    """What a Python process prints that finds the packages in the built workspace first."""
-    sites = sorted(install.glob('*/lib/python*/site-packages'))
-    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(map(str, sites))}
+def sites(install):
+    """Where a built workspace keeps its Python packages."""
+    return sorted(install.glob('*/lib/python*/site-packages'))
+
+
+def from_sites(folders, *arguments):
+    """What a Python process prints that finds its packages in these folders first."""
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(map(str, folders))}
     return subprocess.run(
         [sys.executable, *arguments],
         capture_output=True,
@@ -87,17 +97,32 @@ def from_install(install, *arguments):
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize(('package', 'name'), ALL)
 def test_every_executable_starts_from_the_colcon_install(install, package, name):
-    started = from_install(install, install / package / 'lib' / package / name, '--help')
+    command = install / package / 'lib' / package / name
+    started = from_sites(sites(install), command, '--help')
     assert started.returncode == 0, started.stderr
     assert 'usage:' in started.stdout
     index = install / package / 'share' / 'ament_index' / 'resource_index' / 'packages' / package
     assert index.is_file()
 
 
+FIRST_USE = 'import shell_deform.kernel_types as k; print(k.__file__, k.COMPLETE)'
+
+
 @pytest.mark.timeout(400)
 def test_the_first_use_of_the_colcon_install_finds_its_kernels_compiled(install):
-    code = 'import shell_deform.kernel_types as k; print(k.__file__, k.COMPLETE)'
-    first = from_install(install, '-c', code)
+    first = from_sites(sites(install), '-c', FIRST_USE)
     place, complete = first.stdout.split()
     assert Path(place).is_relative_to(install)
+    assert (complete, first.stderr) == ('True', '')
+
+
+@pytest.mark.timeout(400)
+def test_the_first_use_of_a_symlinked_workspace_finds_its_kernels_compiled(tmp_path):
+    package = ROOT / 'ros2_ws' / 'src' / 'shell_deform'
+    unused = shutil.ignore_patterns('__pycache__', '*.egg-info')
+    shutil.copytree(package, tmp_path / 'src' / 'shell_deform', ignore=unused)
+    build(tmp_path, tmp_path / 'src', '--symlink-install')
+    first = from_sites([tmp_path / 'build' / 'shell_deform'], '-c', FIRST_USE)
+    place, complete = first.stdout.split()
+    assert Path(place).resolve().is_relative_to(tmp_path / 'src')
     assert (complete, first.stderr) == ('True', '')

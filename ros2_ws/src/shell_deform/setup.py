@@ -5,28 +5,42 @@ import sys
 from glob import glob
 
 from setuptools import find_packages, setup
+from setuptools.command.develop import develop
 from setuptools.command.install import install
 
 PACKAGE = 'shell_deform'
 
 
+def compile_kernels(place):
+    """Compile the kernels of the package in that folder: its first start then only loads them."""
+    command = [sys.executable, '-m', f'{PACKAGE}.compile_cache']
+    # colcon takes whatever comes on stderr for a warning.
+    subprocess.run(command, cwd=place, stderr=subprocess.STDOUT, check=False)
+
+
 class CompiledInstall(install):
-    """Install, then compile the kernels there, so that the first start only loads them."""
+    """`colcon build`."""
 
     def run(self):
         """Install and compile, but not into the root of a package that is built for others."""
         super().run()
         if self.root is None:
-            compile_kernels = [sys.executable, '-m', f'{PACKAGE}.compile_cache']
-            # colcon takes whatever comes on stderr for a warning.
-            subprocess.run(
-                compile_kernels, cwd=self.install_lib, stderr=subprocess.STDOUT, check=False
-            )
+            compile_kernels(self.install_lib)
+
+
+class CompiledDevelop(develop):
+    """`colcon build --symlink-install`."""
+
+    def run(self):
+        """Link and compile, but not where the links are taken away again."""
+        super().run()
+        if not self.uninstall:
+            compile_kernels(self.egg_path)
 
 
 setup(
     name=PACKAGE,
-    cmdclass={'install': CompiledInstall},
+    cmdclass={'install': CompiledInstall, 'develop': CompiledDevelop},
     version='0.1.0',
     packages=find_packages(exclude=['test']),
     package_data={PACKAGE: ['py.typed', '**/*.json', '**/*.yaml']},

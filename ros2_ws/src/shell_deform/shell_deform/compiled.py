@@ -6,7 +6,8 @@ NUMBA_CACHE_DIR, or numba's own per-user fallback, says; without any such place 
 
 A cached kernel contains the kernels it calls, but numba looks at its own file only. So the name
 under which a kernel is cached carries a digest of all kernel sources: a change in any of them
-compiles all anew, and nothing stale is ever run.
+compiles all anew, and nothing stale is ever run. Another version of numba would overwrite what
+this one keeps under the same name: the digest counts it in, too.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import warnings
+from importlib.metadata import version
 from pathlib import Path
 
 HAVE_NUMBA = importlib.util.find_spec('numba') is not None
@@ -43,8 +45,8 @@ def kernel_sources() -> list[Path]:
 
 
 def _revision() -> str:
-    """Digest of all kernel sources of the package."""
-    digest = hashlib.sha256()
+    """Digest of all kernel sources of the package and of the version that compiles them."""
+    digest = hashlib.sha256(version('numba').encode() if HAVE_NUMBA else b'')
     for source in kernel_sources():
         digest.update(source.read_bytes())
     return digest.hexdigest()[:12]

@@ -8,25 +8,29 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from scan_compare.deformed_surface import DeformedSurface
-from scan_compare.dent import Contacts, DentProfile, contacts_of, profiles
+from scan_compare.dent import FIT_RADIUS, Contacts, DentProfile, contacts_of, profiles
 from scan_compare.distance import Coverage, Distances, coverage, measure
-from scan_compare.registration import SCANNER_SIGMA, Registration, RegistrationError, register
+from scan_compare.registration import (
+    SAMPLE,
+    SCANNER_SIGMA,
+    Registration,
+    RegistrationError,
+    register,
+    thin,
+)
 from scan_compare.rigid import IDENTITY, Pose
 from scan_compare.scan import Scan
 from scan_compare.statistics import (
     LocalMeans,
     Summary,
-    group_by_cell,
     local_means,
     mean_unsigned_noise,
     summarise,
 )
+from scan_compare.uncertainty import mean_error_sigma, merging_sigma, pose_sigma
 
 OUTLIER_SHARE = 0.25
 """Scan points further from the surface than this share of its extent are no part of it."""
-
-CORRELATION_LENGTH = 5e-3
-"""Errors within this distance [m] are treated as one when the error of a mean is estimated."""
 
 OFFSET_FLOORS = 3.0
 """An undeformed region that lies this many noise floors off on average is another object's."""
@@ -44,7 +48,8 @@ class Comparison:
 
     points (n, 3): scan points in the object's frame [m]; used (n,): which of them count (neither
     outliers nor beside an open surface); distances: of all of them; in_dent (n,). Scalars in
-    metres; None where the scan gives no answer.
+    metres; None where the scan gives no answer. merging_sigma_m: how far the merging of views
+    moves a neighbourhood as wide as a dent's fit.
     """
 
     source: str
@@ -71,6 +76,7 @@ class Comparison:
     noise_floor_m: float
     mean_error_sigma_m: float
     mean_error_noise_free_m: float
+    merging_sigma_m: float
     max_error_m: float | None
     dent_max_error_m: float | None
     outside_max_error_m: float | None
@@ -122,6 +128,7 @@ class Comparison:
             'noise_floor_m': self.noise_floor_m,
             'scanner_sigma_m': self.scanner_sigma_m,
             'undeformed_residual_m': self.undeformed_residual_m,
+            'merging_sigma_m': self.merging_sigma_m,
             'beyond_noise': self.beyond_noise,
             'area_weighted': _summary_json(self.area),
             'dent': _summary_json(self.dent),
@@ -203,6 +210,13 @@ def compare(
     undeformed, undeformed_points = _undeformed(
         undeformed_scan, surface, undeformed_start or found.pose, scanner_sigma_m
     )
+    rigid = used & ~in_dent
+    merged = merging_sigma(
+        distances.foot[rigid],
+        distances.distance[rigid],
+        None if undeformed_points is None else _at_rest(surface, undeformed_points),
+        2.0 * FIT_RADIUS,
+    )
     seen = coverage(surface, distances, used, _deformed_contacts(surface, contacts))
     means = local_means(points[used], distances.distance[used])
     if means is None:
@@ -248,13 +262,16 @@ def compare(
                 surface,
                 contacts,
                 undeformed_points,
-                lambda point, direction: _pose_sigma((found, undeformed), point, direction),
+                lambda point, direction: float(
+                    np.hypot(merged, pose_sigma((found, undeformed), point, direction))
+                ),
             )
         ),
         scanner_sigma_m=scanner_sigma_m,
         noise_floor_m=floor,
-        mean_error_sigma_m=_mean_error_sigma(distances, used, found),
+        mean_error_sigma_m=mean_error_sigma(distances, used, found),
         mean_error_noise_free_m=_noise_free_mean(means, scanner_sigma_m),
+        merging_sigma_m=merged,
         max_error_m=largest,
         dent_max_error_m=means.largest(means.quotable & disc_in_dent),
         outside_max_error_m=means.largest(means.quotable & ~disc_in_dent),
@@ -271,6 +288,13 @@ def _undeformed(
         return None, None
     found = _registered(scan, surface.at_rest(), sigma, start=start)
     return found, found.pose.apply(scan.points)
+
+
+def _at_rest(surface: DeformedSurface, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return feet (k, 3) and distances (k,) [m] of an undeformed scan, some of its points."""
+    distances = measure(surface.at_rest(), points[thin(len(points), SAMPLE)])
+    on_surface = ~distances.beside
+    return distances.foot[on_surface], distances.distance[on_surface]
 
 
 def _registered(
@@ -315,38 +339,6 @@ def _areas(
     triangle_area = np.bincount(samples.triangle, samples.area, minlength=n)
     triangle = distances.triangle[used]
     return triangle_area[triangle] / np.bincount(triangle, minlength=n)[triangle]
-
-
-def _mean_error_sigma(distances: Distances, used: np.ndarray, found: Registration) -> float:
-    """Return the standard deviation [m] of the mean unsigned distance.
-
-    Two parts: the registration's covariance carried through the mean, and the scatter of means
-    over patches of CORRELATION_LENGTH.
-    """
-    sign = np.sign(distances.distance[used])
-    arms = distances.foot[used] - found.centre
-    normal = distances.normal[used]
-    gradient = np.concatenate((sign @ np.cross(arms, normal), sign @ normal)) / np.count_nonzero(
-        used
-    )
-    from_pose = float(gradient @ found.covariance @ gradient)
-    unsigned = np.abs(distances.distance[used])
-    patch, count = group_by_cell(distances.foot[used], CORRELATION_LENGTH)
-    excess = np.bincount(patch, unsigned - unsigned.mean(), minlength=count)
-    from_scatter = float(np.sum(excess**2)) / unsigned.size**2
-    return float(np.sqrt(max(0.0, from_pose) + from_scatter))
-
-
-def _pose_sigma(
-    poses: tuple[Registration | None, ...], point: np.ndarray, direction: np.ndarray
-) -> float:
-    """Return the standard deviation [m] of `point` (3,) along `direction` (3,) from poses."""
-    variance = 0.0
-    for found in poses:
-        if found is not None:
-            row = np.concatenate((np.cross(point - found.centre, direction), direction))
-            variance += max(0.0, float(row @ found.covariance @ row))
-    return float(np.sqrt(variance))
 
 
 def _noise_free_mean(means: LocalMeans, sigma: float) -> float:

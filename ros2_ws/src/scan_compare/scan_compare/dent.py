@@ -62,8 +62,8 @@ class DentProfile:
     radius (k,), depth (k,), count (k,): ring means along the contact's inward normal [m]; model
     (k,): the model's depth in the same rings, NaN where it has none. apex_m, apex_sigma_m: the
     depth at the axis and its standard deviation, which holds the scatter of the points, the pose
-    of both scans and the extrapolation; extrapolated: True if the pin hid the axis up to
-    hidden_radius_m; deepest_seen_m: the deepest ring mean that was seen, a lower bound.
+    and the merged views of both scans and the extrapolation; extrapolated: True if the pin hid the
+    axis up to hidden_radius_m; deepest_seen_m: the deepest ring mean that was seen, a lower bound.
     reference: what depth is counted from; method: how the apex was found. bent_apex_m: the
     apex of a shell that only bends, for fits of thin-shell theory, which knows no sheared wall
     and no squeezed material.
@@ -137,14 +137,14 @@ def profiles(
     surface: DeformedSurface,
     contacts: Contacts,
     undeformed_points: np.ndarray | None,
-    pose_sigma: Callable[[np.ndarray, np.ndarray], float] = lambda _point, _direction: 0.0,
+    place_sigma: Callable[[np.ndarray, np.ndarray], float] = lambda _point, _direction: 0.0,
 ) -> list[DentProfile]:
     """Measure the dent around each contact; contacts without enough points are left out.
 
     scan_points (n, 3), undeformed_points (m, 3) or None: registered, in the object's frame [m].
     Depth is counted along the contact's inward normal from the undeformed scan, or from the model
-    at rest without one, as it lies on the undeformed region of the deformed shape. pose_sigma:
-    standard deviation [m] that the poses of the scans give a point (3,) along a direction (3,).
+    at rest without one, as it lies on the undeformed region of the deformed shape. place_sigma:
+    standard deviation [m] that poses and merged views give a point (3,) along a direction (3,).
     """
     back = body_motion(surface).inverse()
     scan_points = back.apply(scan_points)
@@ -162,7 +162,7 @@ def profiles(
         )
         if height is None:
             continue
-        wall = _Wall(surface.thickness, float(pin), pose_sigma(point, local.inward))
+        wall = _Wall(surface.thickness, float(pin), place_sigma(point, local.inward))
         profile = _profile(local, height, scan_points, model_points, wall, reference)
         if profile is not None:
             results.append(profile)
@@ -171,11 +171,11 @@ def profiles(
 
 @dataclass(frozen=True)
 class _Wall:
-    """Thickness [m], pin radius [m] (NaN unknown), and sigma of the depth from the poses [m]."""
+    """Thickness [m], pin radius [m] (NaN unknown), and sigma [m] of where the wall is seen."""
 
     thickness: float
     pin_radius: float
-    pose_sigma: float
+    place_sigma: float
 
 
 class _Axis:
@@ -243,7 +243,7 @@ def _profile(
         count=counts[full],
         model=model_rings[full],
         apex_m=apex.depth,
-        apex_sigma_m=float(np.hypot(apex.sigma, wall.pose_sigma)),
+        apex_sigma_m=float(np.hypot(apex.sigma, wall.place_sigma)),
         extrapolated=not seen,
         hidden_radius_m=hidden,
         deepest_seen_m=float(means[full].max()) if full.any() else apex.depth,

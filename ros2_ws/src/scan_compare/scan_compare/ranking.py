@@ -7,8 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-from scan_compare.comparison import CORRELATION_LENGTH, Comparison
+from scan_compare.comparison import Comparison
 from scan_compare.statistics import group_by_cell
+
+CORRELATION_LENGTH = 5e-3
+"""Differences further apart than this [m] count as independent: what the views of the scan have in
+common drops out of them."""
 
 SIGNIFICANCE = 0.01
 """Largest probability of the observed difference if both models were equally good."""

@@ -25,14 +25,13 @@ from scan_compare.observability import (
 )
 from scan_compare.rigid import IDENTITY, Pose, nearest_rotation, rotation_from_vector
 from scan_compare.robust import (
-    CLUSTER,
     beside,
     coherent_weight,
     spread_of,
     tukey,
     weight_beside_depth,
 )
-from scan_compare.statistics import group_by_cell
+from scan_compare.statistics import ALIKE, group_by_cell
 
 SCANNER_SIGMA = 0.127e-3
 """Stated accuracy of the NextEngine scanner, taken as one standard deviation [m]."""
@@ -329,10 +328,13 @@ def _describe(
 def _covariance(fit: _Fit, step: _Step) -> np.ndarray:
     """Return the covariance (6, 6) of the motion (arc, translation), robust to clusters.
 
-    Sum of outer products of the influence of clusters of CLUSTER size on the estimate, so that
-    neither the noise level nor its independence has to be assumed.
+    Sum of outer products of the influence of clusters, in which errors are alike, on the estimate,
+    so that neither the noise level nor its independence has to be assumed. A uniform offset that
+    is kept apart from the pose is none of its errors.
     """
     distance = fit.distances.distance
+    if step.offset_free:
+        distance = distance - np.average(distance, weights=fit.rigid_weight)
     influence = np.zeros((len(distance), 6))
     if step.strong.shape[1]:
         influence = _influence(step.strong_rows, fit.rigid_weight, distance) @ step.strong.T
@@ -344,7 +346,7 @@ def _covariance(fit: _Fit, step: _Step) -> np.ndarray:
         through_strong = influence @ (weighted.T @ fit.rows).T
         weak = np.linalg.solve(normal, (direct + through_strong).T).T
         influence = influence - weak @ step.weak.T
-    cluster, count = group_by_cell(fit.distances.foot, CLUSTER)
+    cluster, count = group_by_cell(fit.distances.foot, ALIKE * fit.radius)
     total = np.column_stack(
         [np.bincount(cluster, influence[:, k], minlength=count) for k in range(6)]
     )

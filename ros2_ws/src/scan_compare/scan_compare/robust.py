@@ -10,7 +10,7 @@ TUKEY = 4.685
 """Tukey's constant: 95 % efficiency for Gaussian noise."""
 
 CLUSTER = 5e-3
-"""Errors within this distance [m] may be correlated; the covariance allows for it."""
+"""Size [m] of the patches that may deviate as a whole."""
 
 
 def spread_of(distance: np.ndarray, least: float) -> float:

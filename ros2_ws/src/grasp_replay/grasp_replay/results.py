@@ -91,6 +91,7 @@ def row_document(row: Row) -> dict[str, Any]:
         'samples_averaged': contacts.samples,
         'saturated': contacts.saturated,
         'measured_max_displacement_m': reference['measured_max_displacement_m'],
+        'measured_max_displacement_sigma_m': reference['measured_max_displacement_sigma_m'],
         'measured_from': 'dent profile of the scan, extrapolated under the pin (outer face)',
         'measured_by_pins_m': _number(float(np.mean(contacts.travel))),
         'profiles': [
@@ -166,8 +167,8 @@ def _number(value: float) -> float | None:
 def table_lines(results: dict[str, Any]) -> list[list[str]]:
     """The table for people: a heading, then one line per row and theory, lengths in mm."""
     lines = [
-        ['force N', 'force lbf', 'measured mm', 'pins mm', 'theory', 'mean', 'RMS', 'p95', 'max',
-         'dent mean', 'max disp.', 'noise floor']
+        ['force N', 'force lbf', 'measured mm', '+-', 'pins mm', 'theory', 'mean', 'RMS', 'p95',
+         'max', 'dent mean', 'max disp.', 'noise floor']
     ]  # fmt: skip
     for row in results['rows']:
         for theory in THEORIES:
@@ -177,6 +178,7 @@ def table_lines(results: dict[str, Any]) -> list[list[str]]:
                     f'{row["force_n"]:.3f}',
                     f'{row["force_n"] / NEWTON_PER_POUND_FORCE:.2f}',
                     millimetres(row['measured_max_displacement_m']),
+                    millimetres(row['measured_max_displacement_sigma_m']),
                     millimetres(row['measured_by_pins_m']),
                     theory,
                     *(millimetres(numbers[key]) for key in TABLE),
@@ -225,15 +227,16 @@ def csv_text(results: dict[str, Any]) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator='\n')
     writer.writerow(
-        ['row', 'force_n', 'measured_max_displacement_m', 'measured_by_pins_m', 'noise_floor_m',
-         'theory', *TABLE]
+        ['row', 'force_n', 'measured_max_displacement_m', 'measured_max_displacement_sigma_m',
+         'measured_by_pins_m', 'noise_floor_m', 'theory', *TABLE]
     )  # fmt: skip
     for row in results['rows']:
         for theory in THEORIES:
             numbers = row['theories'][theory]
             writer.writerow(
                 [row['row'], row['force_n'], row['measured_max_displacement_m'],
-                 row['measured_by_pins_m'], row['noise_floor_m'], theory]
+                 row['measured_max_displacement_sigma_m'], row['measured_by_pins_m'],
+                 row['noise_floor_m'], theory]
                 + [numbers[key] for key in TABLE]
             )  # fmt: skip
     return stream.getvalue()

@@ -78,6 +78,7 @@ def test_the_measured_displacement_is_the_true_one_two_ways(outcome: Outcome) ->
     for row in document(outcome, [])['rows']:
         truth = row['measured_by_pins_m']
         assert row['measured_max_displacement_m'] == pytest.approx(truth, rel=0.01)
+        assert 0.0 < row['measured_max_displacement_sigma_m'] < 0.05 * truth
 
 
 def test_the_document_has_the_keys_of_the_contract(outcome: Outcome) -> None:

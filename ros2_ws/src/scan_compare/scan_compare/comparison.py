@@ -85,9 +85,19 @@ class Comparison:
     notes: tuple[str, ...]
 
     @property
+    def deepest(self) -> DentProfile | None:
+        """The profile of the largest measured depth; None without any."""
+        return max(self.profiles, key=lambda profile: profile.apex_m, default=None)
+
+    @property
     def measured_max_displacement_m(self) -> float | None:
         """Largest measured depth at a contact [m]; None without a profile."""
-        return max((profile.apex_m for profile in self.profiles), default=None)
+        return None if self.deepest is None else self.deepest.apex_m
+
+    @property
+    def measured_max_displacement_sigma_m(self) -> float | None:
+        """Its standard deviation [m]."""
+        return None if self.deepest is None else self.deepest.apex_sigma_m
 
     @property
     def undeformed_residual_m(self) -> float | None:
@@ -122,6 +132,7 @@ class Comparison:
             'dent_mean_error_m': None if self.dent is None else self.dent.mean_m,
             'max_displacement_m': self.surface.max_displacement,
             'measured_max_displacement_m': measured,
+            'measured_max_displacement_sigma_m': self.measured_max_displacement_sigma_m,
             'mean_error_of_max_displacement': (
                 None if not measured else self.vertex.mean_m / measured
             ),

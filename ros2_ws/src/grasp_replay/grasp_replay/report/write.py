@@ -36,6 +36,12 @@ def _milli(value: object, digits: int = 2) -> str:
     return f'{value * 1e3:.{digits}f}' if isinstance(value, int | float) else '–'
 
 
+def _measured(row: Mapping[str, Any]) -> str:
+    depth = _milli(row.get('measured_max_displacement_m'))
+    sigma = row.get('measured_max_displacement_sigma_m')
+    return depth if sigma is None else f'{depth} ± {_milli(sigma)}'
+
+
 def _published_for(force_n: float, published: Sequence[PublishedRow]) -> PublishedRow | None:
     for row in published:
         if abs(row.force_lbf * NEWTON_PER_LBF - force_n) <= SAME_FORCE * force_n:
@@ -60,7 +66,7 @@ def _table(
             'order': force,
             'newton': f'{force:.2f}',
             **_published_cells(match, predictions),
-            'measured': _milli(row.get('measured_max_displacement_m')),
+            'measured': _measured(row),
             'errors': [_milli(value, 3) for value in errors],
             'best': _unbeaten(errors, _floor(row)),
             'floor': _milli(row.get('noise_floor_m'), 3),

@@ -64,6 +64,7 @@ def rows(comparison: Comparison) -> list[Row]:
         row('noise floor (stated scanner)', c.noise_floor_m),
         row('max displacement, model', c.surface.max_displacement),
         row('max displacement, measured', largest),
+        row('  standard deviation of that depth', c.measured_max_displacement_sigma_m),
     ]
     counts = [NONE if one is None else str(one.count) for one in vertex]
     seen = [_shown(share, 100.0, 1) for share in (c.coverage.patch, c.coverage.dent)]

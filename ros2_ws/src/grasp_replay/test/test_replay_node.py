@@ -1,105 +1,25 @@
-"""`replay` and `record` as real processes, against real subscribers and publishers."""
+"""`replay` as a real process, against real subscribers."""
 
 from __future__ import annotations
 
 import json
 import signal
-import struct
-import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
 from bag_samples import DATA
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
+from replay_observer import KEEP_ALL, LATCHED, Observer, wrench, write_wrenches
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool, Float64, String
-from std_srvs.srv import Trigger
 
 from grasp_replay.bag_reader import open_bag
 from grasp_replay.bag_writer import BagWriter
-from grasp_replay.commands.bag_check import check
 from grasp_replay.qos import QosProfile, qos_text
-
-KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-class Observer:
-    """A node in this process that the test spins itself."""
-
-    def __init__(self, domain_id: int) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain_id)
-        self.node = Node('observer', context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-
-    def spin_until(self, condition: Callable[[], object], timeout: float = 30.0) -> None:
-        deadline = time.monotonic() + timeout
-        while not condition():
-            assert time.monotonic() < deadline, 'condition not met in time'
-            self.executor.spin_once(timeout_sec=0.02)
-
-    def collect(self, kind: type, topic: str, qos: QoSProfile = KEEP_ALL) -> list[Any]:
-        messages: list[Any] = []
-        self.node.create_subscription(kind, topic, messages.append, qos)
-        return messages
-
-    def call(self, service: str, kind: type = Trigger, request: Any = None) -> Any:
-        client = self.node.create_client(kind, service)
-        self.spin_until(client.service_is_ready)
-        future = client.call_async(request or kind.Request())
-        self.spin_until(future.done)
-        return future.result()
-
-    def set_parameter(self, name: str, value: float) -> Any:
-        parameter = Parameter(
-            name=name,
-            value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value),
-        )
-        request = SetParameters.Request(parameters=[parameter])
-        return self.call('/replay/set_parameters', SetParameters, request).results[0]
-
-    def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
-        self.context.try_shutdown()
-
-
-@pytest.fixture
-def observer(domain_id: int) -> Iterator[Observer]:
-    observer = Observer(domain_id)
-    yield observer
-    observer.close()
-
-
-def wrench(index: int) -> WrenchStamped:
-    message = WrenchStamped()
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(index * 4_000_000, 10**9)
-    message.header.frame_id = 'hand_base'
-    message.wrench.force.x = float(index)
-    return message
-
-
-def write_wrenches(path: Path, count: int, qos: QosProfile | None = None) -> Path:
-    with BagWriter(path) as writer:
-        topic = writer.add_topic(
-            '/w', 'geometry_msgs/msg/WrenchStamped', qos_text(qos or QosProfile())
-        )
-        for index in range(count):
-            writer.write(topic, bytes(serialize_message(wrench(index))), index * 4_000_000)
-    return path
 
 
 def forces(messages: list[WrenchStamped]) -> list[float]:
@@ -345,13 +265,6 @@ def test_wrong_ros_arguments_are_one_sentence(
     assert 'Traceback' not in replay.text
 
 
-def test_a_recording_that_cannot_begin_leaves_nothing_behind(start: Any, tmp_path: Path) -> None:
-    record = start('record', '/w', '--output', tmp_path / 'bag', '--ros-args', '--nonsense')
-    assert record.process.wait(30) == 2
-    assert 'Traceback' not in record.text
-    assert not (tmp_path / 'bag').exists()
-
-
 def test_topics_that_the_bag_lacks_are_refused_with_those_it_has(
     start: Any, tmp_path: Path
 ) -> None:
@@ -379,74 +292,3 @@ def test_a_signal_ends_it_with_the_summary(
     assert replay.stop(sig) == 0
     assert 'stopped before the end' in replay.text
     assert 'Traceback' not in replay.text
-
-
-def _publish_until(observer: Observer, done: Callable[[], object]) -> int:
-    publisher = observer.node.create_publisher(WrenchStamped, '/w', KEEP_ALL)
-    count = 0
-
-    def send() -> None:
-        nonlocal count
-        if publisher.get_subscription_count():
-            publisher.publish(wrench(count))
-            count += 1
-
-    observer.node.create_timer(0.004, send)
-    observer.spin_until(done)
-    return count
-
-
-def test_record_writes_a_sound_bag_with_qos_and_hash(
-    start: Any, observer: Observer, tmp_path: Path
-) -> None:
-    record = start('record', '/w', '--output', tmp_path / 'bag', '--json')
-    file = tmp_path / 'bag' / 'bag_0.mcap'
-    sent = _publish_until(observer, lambda: file.exists() and file.stat().st_size > 20_000)
-    assert record.stop() == 0
-    report = check(tmp_path / 'bag')
-    assert report['sound']
-    with open_bag(tmp_path / 'bag') as bag:
-        received = [bag.decode(message).wrench.force.x for message in bag.messages()]
-        assert bag.topics['/w'].type_hash.startswith('RIHS01_8dc3deaf')
-        assert 'reliability: reliable' in bag.topics['/w'].qos
-    assert received == [float(index) for index in range(len(received))]
-    assert 0 <= sent - len(received) <= 50
-
-
-def test_a_killed_recording_loses_at_most_the_last_second(
-    start: Any, observer: Observer, tmp_path: Path
-) -> None:
-    record = start('record', '/w', '--output', tmp_path / 'bag')
-    file = tmp_path / 'bag' / 'bag_0.mcap'
-    sent = _publish_until(observer, lambda: file.exists() and file.stat().st_size > 20_000)
-    record.process.send_signal(signal.SIGKILL)
-    record.process.wait(10)
-    report = check(file, tmp_path / 'saved')
-    assert not report['sound']
-    assert sent - report['recovered']['messages'] <= 250
-    assert check(tmp_path / 'saved')['sound']
-
-
-def test_header_times_make_the_log_times_of_a_recording(
-    start: Any, observer: Observer, tmp_path: Path
-) -> None:
-    record = start('record', '--all', '--time', 'header', '--output', tmp_path / 'bag')
-    file = tmp_path / 'bag' / 'bag_0.mcap'
-    _publish_until(observer, lambda: file.exists() and file.stat().st_size > 5_000)
-    assert record.stop() == 0
-    with open_bag(tmp_path / 'bag') as bag:
-        assert '/diagnostics' in bag.topics
-        for message in bag.messages(['/w']):
-            assert message.log_time == struct.unpack_from('<iI', message.data, 4)[1]
-
-
-def test_recording_into_an_existing_directory_is_refused(start: Any, tmp_path: Path) -> None:
-    record = start('record', '--all', '--output', tmp_path)
-    assert record.process.wait(30) == 1
-    assert 'a bag is never overwritten' in record.text
-
-
-def test_recording_nothing_is_a_wrong_argument(start: Any) -> None:
-    record = start('record')
-    assert record.process.wait(30) == 2
-    assert 'name topics, or give --all or --regex' in record.text

@@ -1,0 +1,93 @@
+"""`record` as a real process, against real publishers."""
+
+from __future__ import annotations
+
+import signal
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from geometry_msgs.msg import WrenchStamped
+from replay_observer import KEEP_ALL, Observer, wrench
+
+from grasp_replay.bag_reader import open_bag
+from grasp_replay.commands.bag_check import check
+
+
+def _publish_until(observer: Observer, done: Callable[[], object]) -> int:
+    publisher = observer.node.create_publisher(WrenchStamped, '/w', KEEP_ALL)
+    count = 0
+
+    def send() -> None:
+        nonlocal count
+        if publisher.get_subscription_count():
+            publisher.publish(wrench(count))
+            count += 1
+
+    observer.node.create_timer(0.004, send)
+    observer.spin_until(done)
+    return count
+
+
+def test_record_writes_a_sound_bag_with_qos_and_hash(
+    start: Any, observer: Observer, tmp_path: Path
+) -> None:
+    record = start('record', '/w', '--output', tmp_path / 'bag', '--json')
+    file = tmp_path / 'bag' / 'bag_0.mcap'
+    sent = _publish_until(observer, lambda: file.exists() and file.stat().st_size > 20_000)
+    assert record.stop() == 0
+    report = check(tmp_path / 'bag')
+    assert report['sound']
+    with open_bag(tmp_path / 'bag') as bag:
+        received = [bag.decode(message).wrench.force.x for message in bag.messages()]
+        assert bag.topics['/w'].type_hash.startswith('RIHS01_8dc3deaf')
+        assert 'reliability: reliable' in bag.topics['/w'].qos
+    assert received == [float(index) for index in range(len(received))]
+    assert 0 <= sent - len(received) <= 50
+
+
+def test_a_killed_recording_loses_at_most_the_last_second(
+    start: Any, observer: Observer, tmp_path: Path
+) -> None:
+    record = start('record', '/w', '--output', tmp_path / 'bag')
+    file = tmp_path / 'bag' / 'bag_0.mcap'
+    sent = _publish_until(observer, lambda: file.exists() and file.stat().st_size > 20_000)
+    record.process.send_signal(signal.SIGKILL)
+    record.process.wait(10)
+    report = check(file, tmp_path / 'saved')
+    assert not report['sound']
+    assert sent - report['recovered']['messages'] <= 250
+    assert check(tmp_path / 'saved')['sound']
+
+
+def test_header_times_make_the_log_times_of_a_recording(
+    start: Any, observer: Observer, tmp_path: Path
+) -> None:
+    record = start('record', '--all', '--time', 'header', '--output', tmp_path / 'bag')
+    file = tmp_path / 'bag' / 'bag_0.mcap'
+    _publish_until(observer, lambda: file.exists() and file.stat().st_size > 5_000)
+    assert record.stop() == 0
+    with open_bag(tmp_path / 'bag') as bag:
+        assert '/diagnostics' in bag.topics
+        for message in bag.messages(['/w']):
+            assert message.log_time == struct.unpack_from('<iI', message.data, 4)[1]
+
+
+def test_recording_into_an_existing_directory_is_refused(start: Any, tmp_path: Path) -> None:
+    record = start('record', '--all', '--output', tmp_path)
+    assert record.process.wait(30) == 1
+    assert 'a bag is never overwritten' in record.text
+
+
+def test_recording_nothing_is_a_wrong_argument(start: Any) -> None:
+    record = start('record')
+    assert record.process.wait(30) == 2
+    assert 'name topics, or give --all or --regex' in record.text
+
+
+def test_a_recording_that_cannot_begin_leaves_nothing_behind(start: Any, tmp_path: Path) -> None:
+    record = start('record', '/w', '--output', tmp_path / 'bag', '--ros-args', '--nonsense')
+    assert record.process.wait(30) == 2
+    assert 'Traceback' not in record.text
+    assert not (tmp_path / 'bag').exists()

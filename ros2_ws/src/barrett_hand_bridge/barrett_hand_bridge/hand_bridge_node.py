@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 from collections import deque
@@ -298,35 +299,39 @@ def main(arguments: list[str] | None = None) -> int:
     if given:
         print(f'hand_bridge: unknown argument {given[0]!r}; see --help', file=sys.stderr)
         return 2
+    # rclpy ends its context at this signal. Python's KeyboardInterrupt would break into whatever
+    # runs just then, and in the middle of a call into C++ come out as an error of that call.
+    signal.signal(signal.SIGINT, lambda *_: None)
     rclpy.init(args=arguments)
+    executor = SingleThreadedExecutor()
+    node: HandBridge | None = None
+    failure: object = None
     try:
         node = HandBridge()
-    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-        print(f'hand_bridge: {error}', file=sys.stderr)
-        rclpy.try_shutdown()
-        return 1
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    try:
+        executor.add_node(node)
         if node.get_parameter('autostart').value:
             node.trigger_configure()
             if node.failure is None:
                 node.trigger_activate()
         while rclpy.ok() and node.failure is None:
             executor.spin_once(timeout_sec=0.5)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+        failure = error
+    except ExternalShutdownException:
         pass
     except Exception:
-        # A publisher complains when the signal came between two of its messages.
+        # Whatever is made, sent or waited for after the signal complains.
         if rclpy.ok():
             raise
     finally:
-        node.end()
-        executor.remove_node(node)
-        node.destroy_node()
+        if node is not None:
+            node.end()
+            failure = node.failure
+            executor.remove_node(node)
+            node.destroy_node()
         rclpy.try_shutdown()
-    if node.failure is not None:
-        print(f'hand_bridge: {node.failure}', file=sys.stderr)
+    if failure is not None:
+        print(f'hand_bridge: {failure}', file=sys.stderr)
         return 1
     return 0
 

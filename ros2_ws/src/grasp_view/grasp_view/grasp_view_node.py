@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import signal
 import sys
 import time
 from collections.abc import Callable
@@ -354,6 +355,9 @@ def main(arguments: list[str] | None = None) -> int:
     if given:
         print(f'grasp_view: unknown argument {given[0]!r}; see --help', file=sys.stderr)
         return 2
+    # rclpy ends its context at this signal. Python's KeyboardInterrupt would break into whatever
+    # runs just then, and in the middle of a call into C++ come out as an error of that call.
+    signal.signal(signal.SIGINT, lambda *_: None)
     rclpy.init(args=arguments)
     node: GraspView | None = None
     code = 0
@@ -362,11 +366,15 @@ def main(arguments: list[str] | None = None) -> int:
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
     except (PageError, PoseError, WhatIfError) as error:
         print(f'grasp_view: {error}', file=sys.stderr)
         code = 1
+    except ExternalShutdownException:
+        pass
+    except Exception:
+        # Whatever is made, sent or waited for after the signal complains.
+        if rclpy.ok():
+            raise
     finally:
         if node is not None:
             node.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
 import time
 from collections import deque
@@ -358,29 +359,37 @@ def main(arguments: list[str] | None = None) -> int:
     if given:
         print(f'scan_compare: unknown argument {given[0]!r}; see --help', file=sys.stderr)
         return 2
+    # rclpy ends its context at this signal. Python's KeyboardInterrupt would break into whatever
+    # runs just then, and in the middle of a call into C++ come out as an error of that call.
+    signal.signal(signal.SIGINT, lambda *_: None)
     rclpy.init(args=arguments)
+    executor = SingleThreadedExecutor()
+    node: ScanCompareNode | None = None
+    code = 0
     try:
         node = ScanCompareNode()
+        executor.add_node(node)
+        executor.spin()
     except (
         parameters.ParameterError,
         InvalidParameterTypeException,
         InvalidParameterValueException,
     ) as error:
         print(f'scan_compare: {error}', file=sys.stderr)
-        rclpy.try_shutdown()
-        return 1
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    try:
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
+        code = 1
+    except ExternalShutdownException:
         pass
+    except Exception:
+        # Whatever is made, sent or waited for after the signal complains.
+        if rclpy.ok():
+            raise
     finally:
         executor.shutdown()
-        node.close()
-        node.destroy_node()
+        if node is not None:
+            node.close()
+            node.destroy_node()
         rclpy.try_shutdown()
-    return 0
+    return code
 
 
 if __name__ == '__main__':

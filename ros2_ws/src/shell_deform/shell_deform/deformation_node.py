@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -326,30 +327,34 @@ def run(arguments: Sequence[str], ahead: WorkerProcess | None = None) -> int:
     if given:
         print(f'deformation: unknown argument {given[0]!r}; see --help', file=sys.stderr)
         return 2
+    # rclpy ends its context at this signal. Python's KeyboardInterrupt would break into whatever
+    # runs just then, and in the middle of a call into C++ come out as an error of that call.
+    signal.signal(signal.SIGINT, lambda *_: None)
     rclpy.init(args=list(arguments))
+    executor = SingleThreadedExecutor()
+    node: DeformationNode | None = None
+    code = 0
     try:
         node = DeformationNode(ahead)
+        executor.add_node(node)
+        executor.spin()
     except (
         parameters.ParameterError,
         InvalidParameterTypeException,
         InvalidParameterValueException,
     ) as error:
         print(f'deformation: {error}', file=sys.stderr)
-        rclpy.try_shutdown()
-        return 1
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    try:
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
+        code = 1
+    except ExternalShutdownException:
         pass
     except Exception:
-        # The executor complains when the signal came while it prepared to wait.
+        # Whatever is made, sent or waited for after the signal complains.
         if rclpy.ok():
             raise
     finally:
         executor.shutdown()
-        node.close()
-        node.destroy_node()
+        if node is not None:
+            node.close()
+            node.destroy_node()
         rclpy.try_shutdown()
-    return 0
+    return code

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import re
+import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -211,6 +211,9 @@ def _record(
     options: argparse.Namespace,
     ros_arguments: list[str],
 ) -> int:
+    # rclpy ends its context at this signal. Python's KeyboardInterrupt would break into whatever
+    # runs just then, and in the middle of a call into C++ come out as an error of that call.
+    signal.signal(signal.SIGINT, lambda *_: None)
     try:
         rclpy.init(args=['record', *ros_arguments])
         node = RecordNode(directory, selection, options)
@@ -249,16 +252,23 @@ def _record(
 def _spin(node: RecordNode, executor: SingleThreadedExecutor, duration: float | None) -> None:
     """Record until a signal, a failure, or `duration` s are over."""
     start = time.monotonic()
-    with status_line() as show, suppress(KeyboardInterrupt, ExternalShutdownException):
-        while node.failure is None and rclpy.ok():
-            elapsed = time.monotonic() - start
-            if duration is not None and elapsed >= duration:
-                break
-            show(
-                f'{elapsed:7.1f} s  {node.topic_count} topics  '
-                f'{node.writer.message_count} messages  {node.writer.size / 1e6:.1f} MB'
-            )
-            executor.spin_once(timeout_sec=0.1)
+    try:
+        with status_line() as show:
+            while node.failure is None and rclpy.ok():
+                elapsed = time.monotonic() - start
+                if duration is not None and elapsed >= duration:
+                    break
+                show(
+                    f'{elapsed:7.1f} s  {node.topic_count} topics  '
+                    f'{node.writer.message_count} messages  {node.writer.size / 1e6:.1f} MB'
+                )
+                executor.spin_once(timeout_sec=0.1)
+    except ExternalShutdownException:
+        pass
+    except Exception:
+        # Whatever is made or waited for after the signal complains.
+        if rclpy.ok():
+            raise
 
 
 if __name__ == '__main__':

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
 import threading
 import time
@@ -100,6 +101,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _replay(bag: Bag, options: ReplayOptions, ros_arguments: list[str]) -> int:
     sys.setswitchinterval(SWITCH_SECONDS)
+    # rclpy ends its context at this signal. Python's KeyboardInterrupt would break into whatever
+    # runs just then, and in the middle of a call into C++ come out as an error of that call.
+    signal.signal(signal.SIGINT, lambda *_: None)
     rclpy.init(args=['replay', *ros_arguments])
     executor = SingleThreadedExecutor()
     services = threading.Thread(target=_spin, args=(executor,), name='services', daemon=True)
@@ -128,7 +132,7 @@ def _replay(bag: Bag, options: ReplayOptions, ros_arguments: list[str]) -> int:
 
 def _spin(executor: SingleThreadedExecutor) -> None:
     try:
-        with suppress(KeyboardInterrupt, ExternalShutdownException):
+        with suppress(ExternalShutdownException):
             executor.spin()
     except rclpy_implementation.RCLError:
         # A wait set asked for between the shutdown and its notice.
@@ -142,13 +146,17 @@ def _play(player: Player, options: ReplayOptions) -> int:
         alone = player.wait_for_listeners()
         if alone:
             print(f'replay: nobody listens to {listed(alone)}', file=sys.stderr)
-        if options.delay:
-            time.sleep(options.delay)
+        begin = time.monotonic() + options.delay
+        while player.stage.alive() and time.monotonic() < begin:
+            time.sleep(min(0.05, options.delay))
         with progress_bar('replay', 1.0) as show:
             player.run(show)
         if player.stage.alive():
             player.finish()
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except Exception:
+        # Whatever is sent or asked for after the signal complains.
+        if rclpy.ok():
+            raise
         stopped = True
     _summarise(player, options, stopped or not player.stage.alive())
     if player.lockstep is not None and player.lockstep.unanswered:

@@ -244,8 +244,11 @@ class HandBridge(LifecycleNode):
 
     def _report_tare(self, future: Future[Outcome]) -> None:
         outcome = future.result()
-        log = self.get_logger().info if outcome.success else self.get_logger().warning
-        log(f'tare: {outcome.message}')
+        # One call, one severity: rclpy refuses a call site that changes it.
+        if outcome.success:
+            self.get_logger().info(f'tare: {outcome.message}')
+        else:
+            self.get_logger().warning(f'tare: {outcome.message}')
 
     def _on_lost(self, reason: str) -> None:
         if self._health.facts is None and not self._values['wait_for_hand']:
@@ -279,7 +282,7 @@ class HandBridge(LifecycleNode):
     def _on_stale(self) -> None:
         """Say at once that the last contacts are no longer true."""
         if self._latest is not None and self._active:
-            self._topics.stale(self._latest, self._now_ns())
+            self._topics.stale(self._latest)
 
     def _on_diagnostics(self) -> None:
         health = self._health

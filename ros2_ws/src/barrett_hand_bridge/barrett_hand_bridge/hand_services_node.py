@@ -103,8 +103,12 @@ class HandServices:
             self._health.last_motion = str(error)
             return
         outcome = await self._ask('move', motion)
-        log = self._node.get_logger()
-        (log.info if outcome.success else log.error)(f'hand/joint_trajectory: {outcome.message}')
+        text = f'hand/joint_trajectory: {outcome.message}'
+        # One call, one severity: rclpy refuses a call site that changes it.
+        if outcome.success:
+            self._node.get_logger().info(text)
+        else:
+            self._node.get_logger().error(text)
 
 
 def _trigger(

@@ -63,11 +63,16 @@ class HandTopics:
             )
         )
 
-    def stale(self, observation: Observation, stamp_ns: int) -> None:
-        """The last contacts again, flagged as no longer true."""
+    def stale(self, observation: Observation) -> None:
+        """The last contacts again with their own stamp, flagged as no longer true.
+
+        A late sample carries the time of its first byte: a copy stamped now would overtake it.
+        """
         contacts = [observation.fingers[finger].contact for finger in FINGERS]
         self._contacts.publish(
-            messages.contacts_message(contacts, stamp_ns, self._values['hand_frame'], FLAG_STALE)
+            messages.contacts_message(
+                contacts, observation.stamp_ns, self._values['hand_frame'], FLAG_STALE
+            )
         )
 
     def states(self, observation: Observation) -> None:

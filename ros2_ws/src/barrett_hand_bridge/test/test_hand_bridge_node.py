@@ -168,6 +168,17 @@ def test_a_ball_is_grasped_from_start_to_force(start, listener, ball):
         )
     )
     node.wait_for('trajectory followed', 40.0)
+    publisher.publish(
+        JointTrajectory(
+            joint_names=['finger_1_inner'],
+            points=[JointTrajectoryPoint(positions=[0.9], time_from_start=Duration(sec=30))],
+        )
+    )
+    held = listener.heard['hand/joint_states'][-1].position[1]
+    listener.until(lambda: listener.heard['hand/joint_states'][-1].position[1] > held + 0.002)
+    assert listener.call('hand/stop').success
+    # A second end, of another severity than the first: the node must outlive what it says.
+    node.wait_for('hand/joint_trajectory: stopped', 40.0)
 
     assert listener.call('hand/close').message == 'closed at 6 N'
     rows = listener.next_contacts()

@@ -30,7 +30,7 @@ from shell_deform.live.estimator import Estimator, Served
 from shell_deform.live.health import Arrival, Figures, process_age
 from shell_deform.live.modulus import ModulusFilter
 from shell_deform.live.pose import Pose, PoseError, pose_of
-from shell_deform.live.sample import SampleError, check
+from shell_deform.live.sample import FLAG_STALE, SampleError, check
 from shell_deform.live.states import Watch
 from shell_deform.live.worker_link import (
     Build,
@@ -158,6 +158,9 @@ class DeformationNode(Node):
             return
         arrival = figures.stamps.arrived(sample.stamp, now)
         if arrival is Arrival.REPEATED:
+            # A stale copy repeats the stamp of what it copies: it says how things stand, no more.
+            if sample.flags.size and (sample.flags & FLAG_STALE).any():
+                self._topics.state(self.watch.sample(sample, now))
             return
         if arrival is Arrival.JUMPED:
             self.get_logger().info('time has jumped: starting from the undeformed shell')

@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger
 from shell_deform import parameters
 from shell_deform.building import build_model
 from shell_deform.force_curve import ForceCurve
+from shell_deform.live.sample import FLAG_STALE
 from shell_deform.objects import load_object
 from shell_deform.solve.equilibrium import displaced
 from shell_deform.solve.newton import EquilibriumSolver
@@ -311,6 +312,31 @@ def test_when_time_jumps_nothing_of_before_is_served(node, hand, first, then):
     assert cloud[:, 7].min() == pytest.approx(0.5e-3, rel=1e-5)
     assert max(largest(m) for m in answers) < 0.6e-3
     assert after(hand.nonlinear[1:]) == hand.nonlinear[1:]
+
+
+def test_one_late_cycle_of_the_hand_changes_nothing_beyond_its_sample(node, hand):
+    start = hand.stream(squeezed(2e-3, 8.0), settled(hand, 2e-3))
+    stale = live_hand.opposed([8.0, 8.0], [2e-3, 2e-3], stamp=start * STEP + STEP // 2)
+    stale.flags[:] |= FLAG_STALE
+    hand.clear()
+    hand.send(stale)
+    wait(hand, lambda: hand.state == 'STALE')
+    late = hand.stream(squeezed(2e-3, 8.0, start=start - 1), lambda: len(hand.surfaces) >= 50)
+    wait(hand, lambda: len(hand.surfaces) >= late - 2)
+    assert min(largest(m) for m in hand.surfaces) > 1.9e-3
+    assert hand.state == 'CONTACT'
+
+
+def test_a_stale_copy_with_the_stamp_of_its_sample_is_told(node, hand):
+    start = hand.stream(squeezed(2e-3, 8.0), settled(hand, 2e-3))
+    copy = squeezed(2e-3, 8.0)(start - 1)
+    copy.flags[:] |= FLAG_STALE
+    hand.clear()
+    hand.send(copy)
+    wait(hand, lambda: hand.state == 'STALE')
+    assert not hand.surfaces
+    hand.stream(squeezed(2e-3, 8.0, start=start), lambda: hand.surfaces)
+    assert largest(hand.surfaces[0]) > 1.9e-3
 
 
 def test_a_killed_background_process_is_replaced_while_samples_are_answered(node, hand):

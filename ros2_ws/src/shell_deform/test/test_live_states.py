@@ -146,14 +146,27 @@ def test_a_repeated_stamp_is_told_from_a_new_one():
     assert (watch.repeated, watch.samples) == (1, 2)
 
 
-@given(st.floats(1e-6, 1e4), st.floats(1e-3, 0.1), st.integers(2, 30))
-def test_any_step_back_is_a_jump_of_time_and_no_loss(back, period, count):
+@given(st.floats(1.001, 1e4), st.floats(1e-3, 0.1), st.integers(2, 30))
+def test_a_step_back_of_many_periods_is_a_jump_of_time_and_no_loss(back, period, count):
     watch = StampWatch()
     before = [1e5 + i * period for i in range(count)]
     arrivals(watch, before)
     again = before[-1] - back
     assert arrivals(watch, [again], [before[-1] + period]) == [Arrival.JUMPED]
     assert (watch.jumps, watch.lost) == (1, 0)
+
+
+@given(st.floats(1e-6, 0.9), st.floats(5e-3, 0.1), st.integers(2, 30))
+def test_a_step_back_of_a_few_periods_is_a_late_sample_and_time_goes_on(share, period, count):
+    watch = StampWatch()
+    before = [1e5 + i * period for i in range(count)]
+    arrivals(watch, before)
+    last = before[-1]
+    late = last - share * 10 * period
+    times = [late, last + period, last + 2 * period]
+    clock = [last + 0.1 * period, last + period, last + 2 * period]
+    assert arrivals(watch, times, clock) == [Arrival.LATE, Arrival.NEXT, Arrival.NEXT]
+    assert (watch.jumps, watch.late, watch.lost) == (0, 1, 0)
 
 
 @given(st.floats(1.5, 1e4), st.floats(1e-3, 0.1), st.integers(2, 30))

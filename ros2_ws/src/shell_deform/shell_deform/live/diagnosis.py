@@ -67,6 +67,7 @@ def values(condition: Condition, now: float) -> dict[str, object]:
         'samples': figures.stamps.samples,
         'lost': figures.stamps.lost,
         'refused': figures.refused,
+        'late': figures.stamps.late,
         'jumps of time': figures.stamps.jumps,
         'input rate [Hz]': 1.0 / condition.period if condition.period else 0.0,
         'tick median [ms]': 1e3 * figures.ticks.percentile(50),

@@ -14,7 +14,10 @@ WINDOW = 4096
 JUMP_S = 1.0
 """Stamps that leave the steady clock by more have jumped; less is a loss of samples [s]."""
 JUMP_PERIODS = 10.0
-"""And by so many sample periods: a slow stream played fast does not jump."""
+"""And by so many sample periods: a slow stream played fast does not jump. A step back by less than
+so many periods is a sample that comes late."""
+LATE_S = 0.05
+"""A step back by less is a late sample, whatever the period [s]."""
 
 
 class Latencies:
@@ -40,20 +43,23 @@ class Arrival(Enum):
 
     NEXT = 'goes on from the last one'
     REPEATED = 'is the last one again'
+    LATE = 'was overtaken by a newer one of the same stream'
     JUMPED = 'belongs to another time: what happened in between was not seen'
 
 
 class StampWatch:
-    """Counts what the stamps of a stream tell: samples, losses, repeats and jumps of time.
+    """Counts what the stamps of a stream tell: samples, losses, repeats, late ones, jumps of time.
 
     Time jumps when it goes back (a bag played again, a seek) and when it runs ahead of the steady
     clock (a seek forwards, a clock set anew). A pause of the hand is neither: both clocks go on.
+    A step back of a few sample periods is no jump either: that sample was overtaken.
     """
 
     def __init__(self) -> None:
         self.samples = 0
         self.lost = 0
         self.repeated = 0
+        self.late = 0
         self.jumps = 0
         self._last = 0
         self._arrived = 0.0
@@ -65,6 +71,10 @@ class StampWatch:
             self.repeated += 1
             return Arrival.REPEATED
         gap = 1e-9 * (stamp_ns - self._last)
+        if self.samples and -max(JUMP_PERIODS * self._period, LATE_S) < gap < 0.0:
+            self.samples += 1
+            self.late += 1
+            return Arrival.LATE
         ahead = gap - (now - self._arrived)
         first = self.samples == 0
         self.samples += 1

@@ -22,7 +22,7 @@ setup: .venv/.ready  ## environment in .venv, packages, compile cache
 
 .venv/.ready: requirements/lock.txt $(SETUPS)
 	@sh requirements/install.sh "$(PYTHON)" .venv requirements/lock.txt $(EDITABLE)
-	@$(BIN)/python -m shell_deform.compile_cache
+	@$(BIN)/python -m shell_deform.compiled.first_use
 	@touch $@
 
 .venv-cell/.ready: requirements/lock-cell.txt $(SETUPS)

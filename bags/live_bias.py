@@ -31,9 +31,9 @@ from grasp_replay.experiment import read_experiment
 from grasp_replay.recording import read_recording
 from shell_deform.building import build_model, with_material
 from shell_deform.live.pose import pose_of
-from shell_deform.live.rehearsal import Rehearsal
+from shell_deform.live.tick.rehearsal import Rehearsal
+from shell_deform.node.parameters import PARAMETERS, settings
 from shell_deform.objects import load_object
-from shell_deform.parameters import PARAMETERS, settings
 
 Array = NDArray[np.float64]
 

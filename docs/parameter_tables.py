@@ -11,7 +11,13 @@ from pathlib import Path
 from typing import Any
 
 SOURCES = Path(__file__).resolve().parents[1] / 'ros2_ws' / 'src'
-PACKAGES = ('barrett_hand_bridge', 'shell_deform', 'scan_compare', 'grasp_view')
+PACKAGES = {
+    'barrett_hand_bridge': 'barrett_hand_bridge.parameters',
+    'shell_deform': 'shell_deform.node.parameters',
+    'scan_compare': 'scan_compare.parameters',
+    'grasp_view': 'grasp_view.parameters',
+}
+"""Each package that declares parameters, and the module that does."""
 BEGIN, END = '<!-- parameters: made by docs/parameter_tables.py -->', '<!-- end of parameters -->'
 
 
@@ -23,7 +29,7 @@ def readme(package: str) -> Path:
 def table(package: str) -> str:
     """The parameters that the node of a package declares, as Markdown."""
     lines = ['| parameter | default | allowed | meaning |', '|---|---|---|---|']
-    for one in import_module(f'{package}.parameters').PARAMETERS:
+    for one in import_module(PACKAGES[package]).PARAMETERS:
         lines.append(
             f'| `{one.name}` | {_value(one.default)} | {_allowed(one)} | {_meaning(one)} |'
         )

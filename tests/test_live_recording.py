@@ -11,9 +11,9 @@ from shape_msgs.msg import Mesh
 
 from grasp_replay.recording import read_recording
 from shell_deform.building import build_model
-from shell_deform.live.rehearsal import Rehearsal
+from shell_deform.live.tick.rehearsal import Rehearsal
+from shell_deform.node.parameters import PARAMETERS, settings
 from shell_deform.objects import load_object
-from shell_deform.parameters import PARAMETERS, settings
 
 BAG = Path(__file__).resolve().parent.parent / 'bags' / 'tennis_ball_two_finger'
 SCANNER_M = 0.127e-3

@@ -105,7 +105,7 @@ def test_every_executable_starts_from_the_colcon_install(install, package, name)
     assert index.is_file()
 
 
-FIRST_USE = 'import shell_deform.kernel_types as k; print(k.__file__, k.COMPLETE)'
+FIRST_USE = 'import shell_deform.compiled.kernel_types as k; print(k.__file__, k.COMPLETE)'
 
 
 @pytest.mark.timeout(400)

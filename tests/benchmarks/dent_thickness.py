@@ -19,8 +19,8 @@ import yaml
 from grasp_replay.pipeline import Outcome, PipelineOptions, run
 from shell_deform import objects
 from shell_deform.commands import shell_identify
-from shell_deform.dent_profile import DentScan, fit_thickness
-from shell_deform.force_curve import ForceCurve
+from shell_deform.identify.dent_profile import DentScan, fit_thickness
+from shell_deform.identify.force_curve import ForceCurve
 from shell_deform.objects import load_object
 from shell_deform.theory.gas import Gas
 from shell_deform.verification.axisymmetric import PinnedSphere, outer_meridians

@@ -31,7 +31,7 @@ sys.path.insert(0, str(TESTS))
 from factor_matrices import geodesic_sphere, loop_pattern, shifted, springs  # noqa: E402
 from figures import HEADING, show  # noqa: E402
 
-from shell_deform.solve.factor import analyse, factorise  # noqa: E402
+from shell_deform.factor.analysis import analyse, factorise  # noqa: E402
 
 Row = tuple[str, str, str]
 
@@ -41,7 +41,7 @@ GOALS = {642: (10, 13, 0.2), 2562: (50, 110, 4), 10242: (200, 870, 22)}
 EVERY_KERNEL = """
 import importlib, time
 began = time.perf_counter()
-from shell_deform.compile_cache import COMMON, KERNELS
+from shell_deform.compiled.first_use import COMMON, KERNELS
 for module in COMMON + KERNELS:
     importlib.import_module(module)
 print(time.perf_counter() - began)

@@ -18,14 +18,14 @@ import numpy as np
 from figures import Row, show
 
 from shell_deform.building import build_model
-from shell_deform.live.condensed import contact_rows
-from shell_deform.live.estimator import Estimator, Settings
-from shell_deform.live.fusion import ErrorModel
+from shell_deform.live.background.condensed import contact_rows
+from shell_deform.live.background.tracking import EquilibriumTracker, Target
+from shell_deform.live.background.worker_link import Build, WorkerProcess, empty_request
 from shell_deform.live.pose import IDENTITY
-from shell_deform.live.rehearsal import Rehearsal
-from shell_deform.live.sample import ContactSample
-from shell_deform.live.tracking import EquilibriumTracker, Target
-from shell_deform.live.worker_link import Build, WorkerProcess, empty_request
+from shell_deform.live.tick.estimator import Estimator, Settings
+from shell_deform.live.tick.fusion import ErrorModel
+from shell_deform.live.tick.rehearsal import Rehearsal
+from shell_deform.live.tick.sample import ContactSample
 from shell_deform.objects import load_object
 
 OUTER, PIN = 0.0325, 1e-3
@@ -155,7 +155,7 @@ def squeeze(live: Live, truth: Truth, seconds: float) -> dict[str, float]:
 
 def tick_rows(vertices: int, goal_ms: float) -> list[Row]:
     """Median of 2 000 ticks with 2 contacts x 3 forces, background idle and busy."""
-    from shell_deform.messages import SurfaceWriter
+    from shell_deform.node.messages import SurfaceWriter
 
     live = Live(vertices, ErrorModel())
     writer = SurfaceWriter(len(live.estimator.rest))

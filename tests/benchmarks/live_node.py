@@ -30,7 +30,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Float64
 
-from shell_deform.live.health import resident
+from shell_deform.live.tick.health import resident
 
 ROOT = Path(__file__).resolve().parents[2]
 PICTURE = ROOT / 'docs' / 'pictures' / 'live_latency.png'

@@ -36,9 +36,9 @@ from figures import show  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 from scipy.interpolate import CubicSpline  # noqa: E402
 
-from shell_deform.assemble import discretise  # noqa: E402
+from shell_deform.assemble.discretisation import discretise  # noqa: E402
 from shell_deform.building import build_model, object_contacts  # noqa: E402
-from shell_deform.loads import ContactPatch  # noqa: E402
+from shell_deform.contact.loads import ContactPatch  # noqa: E402
 from shell_deform.model import ShellModel  # noqa: E402
 from shell_deform.objects.targets import SphereTarget  # noqa: E402
 from shell_deform.solve.equilibrium import LoadCase, displaced  # noqa: E402

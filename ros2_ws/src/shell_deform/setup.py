@@ -13,7 +13,7 @@ PACKAGE = 'shell_deform'
 
 def compile_kernels(place):
     """Compile the kernels of the package in that folder: its first start then only loads them."""
-    command = [sys.executable, '-m', f'{PACKAGE}.compile_cache']
+    command = [sys.executable, '-m', f'{PACKAGE}.compiled.first_use']
     # colcon takes whatever comes on stderr for a warning.
     subprocess.run(command, cwd=place, stderr=subprocess.STDOUT, check=False)
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from grasp_replay.errors import BagError
 from grasp_replay.experiment import Experiment, ScanEntry
 from grasp_replay.recording import RecordedScan, Recording, in_object_frame
-from shell_deform.live.contact_tracking import Touch
+from shell_deform.live.background.contact_tracking import Touch
 from shell_deform.live.pose import IDENTITY, Pose, pose_of
-from shell_deform.live.sample import (
+from shell_deform.live.tick.sample import (
     FLAG_FAULT,
     FLAG_NO_GAUGE,
     FLAG_NOT_TARED,

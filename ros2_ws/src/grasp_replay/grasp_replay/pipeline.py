@@ -22,8 +22,8 @@ from scan_compare.comparison import Comparison, ComparisonError, compare
 from scan_compare.registration import RegistrationError
 from scan_compare.scan import Scan
 from scan_compare.units import UnitError, choose_unit, robust_extent
+from shell_deform.contact.loads import ContactPatch
 from shell_deform.live.pose import Pose
-from shell_deform.loads import ContactPatch
 from shell_deform.solve.equilibrium import Equilibrium
 
 Array = NDArray[np.float64]

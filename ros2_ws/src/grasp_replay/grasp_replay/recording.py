@@ -18,7 +18,7 @@ from grasp_replay.errors import BagError
 from grasp_replay.point_cloud import cloud_columns, matrix
 from grasp_replay.topic_selection import listed
 from shell_deform.live.pose import IDENTITY, Pose, PoseError, pose_of
-from shell_deform.live.sample import ContactSample
+from shell_deform.live.tick.sample import ContactSample
 
 Array = NDArray[np.float64]
 

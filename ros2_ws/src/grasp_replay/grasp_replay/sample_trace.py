@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from grasp_replay.holds import usable
 from grasp_replay.recording import Recording, in_object_frame
 from grasp_replay.theories import TheorySet
-from shell_deform.live.condensed import contact_rows
-from shell_deform.live.contact_tracking import ContactTracker, Touch
-from shell_deform.live.linearity import SmallLoads, linear_error, small_loads
+from shell_deform.live.background.condensed import contact_rows
+from shell_deform.live.background.contact_tracking import ContactTracker, Touch
+from shell_deform.live.background.tracking import EquilibriumTracker
 from shell_deform.live.pose import IDENTITY, Pose
-from shell_deform.live.sample import ContactSample, SampleError
-from shell_deform.live.tracking import EquilibriumTracker
+from shell_deform.live.tick.linearity import SmallLoads, linear_error, small_loads
+from shell_deform.live.tick.sample import ContactSample, SampleError
 
 Array = NDArray[np.float64]
 

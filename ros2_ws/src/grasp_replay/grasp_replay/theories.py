@@ -12,9 +12,9 @@ from grasp_replay.holds import HeldContacts
 from scan_compare.deformed_surface import DeformedSurface
 from scan_compare.dent import Contacts
 from shell_deform.building import build_model
-from shell_deform.force_curve import modulus_where
-from shell_deform.live.contact_tracking import ContactTracker
-from shell_deform.loads import ContactPatch
+from shell_deform.contact.loads import ContactPatch
+from shell_deform.identify.force_curve import modulus_where
+from shell_deform.live.background.contact_tracking import ContactTracker
 from shell_deform.model import ShellModel
 from shell_deform.objects import ObjectError, ShellObject, load_object
 from shell_deform.solve.equilibrium import Equilibrium, forced

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from numpy.typing import NDArray
 
-from shell_deform.assemble import Discretisation, discretise
-from shell_deform.loads import ContactPatch
+from shell_deform.assemble.discretisation import Discretisation, discretise
+from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
 from shell_deform.objects import ObjectError, ShellObject, Support, object_mesh
 from shell_deform.supports import (

@@ -10,9 +10,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from shell_deform.assemble import Discretisation
-from shell_deform.loads import ContactPatch, LoadError, contact_patch
-from shell_deform.pads import Pad
+from shell_deform.assemble.discretisation import Discretisation
+from shell_deform.contact.loads import ContactPatch, LoadError, contact_patch
+from shell_deform.contact.pads import Pad
 from shell_deform.supports import (
     SupportRows,
     free_rigid_modes,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.assemble import Discretisation
+from shell_deform.assemble.discretisation import Discretisation
 from shell_deform.surface.loop_basis import basis_rows
 
 Array = NDArray[np.float64]

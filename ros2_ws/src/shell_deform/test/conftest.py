@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from shell_deform.assemble import discretise
+from shell_deform.assemble.discretisation import discretise
 from shell_deform.model import ShellModel
 from shell_deform.surface.control_mesh import control_mesh, moved
 from shell_deform.surface.limit import LimitSurface

@@ -18,10 +18,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Float64, String
 
-from shell_deform.live.estimator import Settings
-from shell_deform.live.fusion import ErrorModel
-from shell_deform.live.rehearsal import Rehearsal
-from shell_deform.live.sample import FLAG_CONTACT, ContactSample
+from shell_deform.live.tick.estimator import Settings
+from shell_deform.live.tick.fusion import ErrorModel
+from shell_deform.live.tick.rehearsal import Rehearsal
+from shell_deform.live.tick.sample import FLAG_CONTACT, ContactSample
 
 SURE = ErrorModel(
     drift=0.0, quantum=0.0, mounting=1e-7, slip=1e-7, modulus=1e-4, model=0.0, outside=1e-3

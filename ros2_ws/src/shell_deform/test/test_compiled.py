@@ -10,13 +10,14 @@ from pathlib import Path
 import pytest
 
 import shell_deform
-from shell_deform import assemble_kernels, compile_cache, compiled
+from shell_deform.assemble import kernels
+from shell_deform.compiled import cache, first_use
 
 PACKAGE = Path(shell_deform.__file__).parent
 
 
 def test_every_module_with_kernels_is_part_of_the_cache_key():
-    covered = {source for pattern in compiled.KERNEL_SOURCES for source in PACKAGE.glob(pattern)}
+    covered = {source for pattern in cache.KERNEL_SOURCES for source in PACKAGE.glob(pattern)}
     with_kernels = {
         source
         for source in PACKAGE.rglob('*.py')
@@ -27,7 +28,7 @@ def test_every_module_with_kernels_is_part_of_the_cache_key():
 
 
 def test_kernels_are_cached_under_the_digest_of_all_kernel_sources():
-    assert assemble_kernels.shell_gradient.py_func.__qualname__.endswith(compiled.REVISION)
+    assert kernels.shell_gradient.py_func.__qualname__.endswith(cache.REVISION)
 
 
 STRESS = (
@@ -72,7 +73,7 @@ def test_the_first_use_of_an_installation_that_cannot_be_written_fills_the_named
         assert stress == 3.0
         assert [line.split(' in ')[0] for line in lines.splitlines()] == said
         kept = {path.name.split('.')[0] for path in cache.rglob('*.nbi')}
-        assert {module.rpartition('.')[2] for module in compile_cache.KERNELS} <= kept
+        assert {module.rpartition('.')[2] for module in first_use.KERNELS} <= kept
 
 
 @pytest.mark.parametrize('cache', [{}, {'NUMBA_CACHE_DIR': os.devnull}])

@@ -5,8 +5,8 @@ import pytest
 from sensor_msgs.msg import PointField
 from visualization_msgs.msg import Marker
 
-from shell_deform.live.serve_kernel import FIELDS
-from shell_deform.messages import SurfaceWriter, marker_message
+from shell_deform.live.tick.serve_kernel import FIELDS
+from shell_deform.node.messages import SurfaceWriter, marker_message
 
 TRIANGLES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
 STAMP_NS = 3_000_000_007

@@ -19,10 +19,10 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from shell_deform import parameters
 from shell_deform.building import build_model
-from shell_deform.force_curve import ForceCurve
-from shell_deform.live.sample import FLAG_STALE
+from shell_deform.identify.force_curve import ForceCurve
+from shell_deform.live.tick.sample import FLAG_STALE
+from shell_deform.node import parameters
 from shell_deform.objects import load_object
 from shell_deform.solve.equilibrium import displaced
 from shell_deform.solve.newton import EquilibriumSolver
@@ -403,7 +403,7 @@ def worker_of(parent):
                 command = Path(f'/proc/{entry}/cmdline').read_text()
             except OSError:
                 continue
-            if int(fields[1]) == parent and 'shell_deform.live.worker' in command:
+            if int(fields[1]) == parent and 'shell_deform.live.background.worker' in command:
                 return int(entry)
     raise AssertionError('no background process')
 

@@ -13,9 +13,9 @@ import pytest
 import trimesh
 
 from shell_deform.commands import shell_identify
-from shell_deform.dent_profile import DentScan, ThicknessFit, fit_thickness
-from shell_deform.force_curve import ForceCurve, IdentificationError
-from shell_deform.identify import identify, squeeze_data, with_thickness
+from shell_deform.identify.dent_profile import DentScan, ThicknessFit, fit_thickness
+from shell_deform.identify.force_curve import ForceCurve, IdentificationError
+from shell_deform.identify.modulus import identify, squeeze_data, with_thickness
 from shell_deform.objects import load_object
 from shell_deform.theory.gas import Gas
 from shell_deform.verification.axisymmetric import PinnedSphere, forces_at, outer_meridians

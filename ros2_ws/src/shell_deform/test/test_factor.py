@@ -11,7 +11,7 @@ import scipy.sparse.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shell_deform.solve.factor import (
+from shell_deform.factor.analysis import (
     FactorError,
     Inertia,
     SingularMatrixError,
@@ -300,7 +300,7 @@ def test_superlu_refuses_to_guess_an_inertia_it_does_not_know():
 
 
 def test_without_numba_superlu_takes_over(sphere, monkeypatch):
-    monkeypatch.setattr('shell_deform.solve.factor.HAVE_NUMBA', False)
+    monkeypatch.setattr('shell_deform.factor.analysis.HAVE_NUMBA', False)
     matrix = shifted(sphere.free, 0.1)
     factor = factorise(analyse(sphere.graph, sphere.vertices), matrix)
     assert backward_error(matrix, factor.solve(sphere.load), sphere.load) < 1e-14
@@ -320,7 +320,7 @@ def test_threads_share_an_analysis(larger_sphere):
 
 
 def test_blas_threads_are_given_back_after_a_factorisation(sphere):
-    from shell_deform.solve.multifrontal_threads import _thread_counts, one_blas_thread
+    from shell_deform.factor.threads import _thread_counts, one_blas_thread
 
     def numbers():
         return [read() for read, _ in _thread_counts()]

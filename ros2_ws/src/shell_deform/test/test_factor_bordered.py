@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shell_deform.solve.factor import (
+from shell_deform.factor.analysis import (
     FactorError,
     Inertia,
     SingularMatrixError,
     analyse,
     factorise,
 )
-from shell_deform.solve.factor_bordered import BorderedFactor
+from shell_deform.factor.bordered import BorderedFactor
 
 sys.path.insert(0, str(Path(__file__).parent))
 from factor_matrices import (  # noqa: E402

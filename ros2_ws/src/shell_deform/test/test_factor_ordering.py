@@ -9,8 +9,8 @@ import scipy.sparse
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shell_deform.solve.multifrontal_symbolic import find_fronts
-from shell_deform.solve.nested_dissection import nested_dissection
+from shell_deform.factor.nested_dissection import nested_dissection
+from shell_deform.factor.symbolic import find_fronts
 
 sys.path.insert(0, str(Path(__file__).parent))
 from factor_matrices import geodesic_sphere, loop_pattern  # noqa: E402

@@ -8,16 +8,16 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from shell_deform.commands import shell_identify
-from shell_deform.force_curve import ForceCurve, IdentificationError
-from shell_deform.identify import (
+from shell_deform.identify.force_curve import ForceCurve, IdentificationError
+from shell_deform.identify.modulus import (
     SqueezeData,
     cross_validate,
     identify,
     squeeze_data,
     thickness_sensitivity,
 )
+from shell_deform.identify.squeeze_bag import read_squeeze
 from shell_deform.objects import load_object
-from shell_deform.squeeze_bag import read_squeeze
 
 PUBLISHED = np.array([[10.631, 2.56e-3], [16.503, 6.05e-3], [20.373, 9.12e-3], [21.485, 10.27e-3]])
 BAGS = Path(__file__).parents[4] / 'bags'

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from shell_deform.live.courtesy import CAUTION, PATIENCE_S, Courtesy, share_of
+from shell_deform.live.background.courtesy import CAUTION, PATIENCE_S, Courtesy, share_of
 
 
 class Machine:

@@ -6,10 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from shell_deform.live.diagnosis import Condition, judge, values
-from shell_deform.live.health import Figures, process_age, resident
-from shell_deform.live.modulus import ModulusEstimate
-from shell_deform.live.states import LiveState
+from shell_deform.live.tick.diagnosis import Condition, judge, values
+from shell_deform.live.tick.health import Figures, process_age, resident
+from shell_deform.live.tick.modulus import ModulusEstimate
+from shell_deform.live.tick.states import LiveState
 
 
 def adopted(share=1.0):

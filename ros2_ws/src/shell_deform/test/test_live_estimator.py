@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from live_hand import SURE
 
-from shell_deform.live.condensed import contact_rows
-from shell_deform.live.energy_density import EnergyDensity
-from shell_deform.live.fusion import ErrorModel
+from shell_deform.live.background.condensed import contact_rows
+from shell_deform.live.background.energy_density import EnergyDensity
+from shell_deform.live.background.tracking import EquilibriumTracker, Target
 from shell_deform.live.pose import Pose, rotation_of
-from shell_deform.live.sample import FLAG_CONTACT
-from shell_deform.live.tracking import EquilibriumTracker, Target
+from shell_deform.live.tick.fusion import ErrorModel
+from shell_deform.live.tick.sample import FLAG_CONTACT
 from shell_deform.theory.gas import Gas
 
 R, H = 31.25e-3, 2.5e-3

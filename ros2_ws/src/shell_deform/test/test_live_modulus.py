@@ -6,10 +6,10 @@ import live_hand
 import numpy as np
 import pytest
 
-from shell_deform.force_curve import ForceCurve
-from shell_deform.live.fusion import ErrorModel
-from shell_deform.live.modulus import IGNORANCE, ModulusFilter
-from shell_deform.live.sample import FLAG_CONTACT, FLAG_SATURATED
+from shell_deform.identify.force_curve import ForceCurve
+from shell_deform.live.tick.fusion import ErrorModel
+from shell_deform.live.tick.modulus import IGNORANCE, ModulusFilter
+from shell_deform.live.tick.sample import FLAG_CONTACT, FLAG_SATURATED
 from shell_deform.objects import load_object
 
 ERRORS = ErrorModel(drift=0.1, quantum=0.0, mounting=5e-5)

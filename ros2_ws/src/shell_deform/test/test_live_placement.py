@@ -4,7 +4,7 @@ import live_hand
 import numpy as np
 import pytest
 
-from shell_deform.live.placement import place
+from shell_deform.live.background.placement import place
 from shell_deform.live.pose import Pose, rotation_of
 from shell_deform.objects import object_mesh
 from shell_deform.objects.shell_object import Cylinder, Ellipsoid, ShellObject

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from live_hand import SURE
 
-from shell_deform.live.fusion import ErrorModel
-from shell_deform.live.release import pressing
-from shell_deform.live.sample import FLAG_NO_GAUGE
+from shell_deform.live.tick.fusion import ErrorModel
+from shell_deform.live.tick.release import pressing
+from shell_deform.live.tick.sample import FLAG_NO_GAUGE
 from shell_deform.theory.gas import Gas
 
 R, H = 31.25e-3, 2.5e-3

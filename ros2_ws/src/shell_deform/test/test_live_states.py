@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from live_hand import opposed, sample
 
-from shell_deform.live.health import Arrival, Figures, Latencies, StampWatch
 from shell_deform.live.pose import Pose, PoseError, pose_of, quaternion, rotation_of
-from shell_deform.live.sample import (
+from shell_deform.live.tick.health import Arrival, Figures, Latencies, StampWatch
+from shell_deform.live.tick.sample import (
     FLAG_CONTACT,
     FLAG_FAULT,
     FLAG_SATURATED,
@@ -17,7 +17,7 @@ from shell_deform.live.sample import (
     check,
     one_row_per_finger,
 )
-from shell_deform.live.states import LiveState, Watch
+from shell_deform.live.tick.states import LiveState, Watch
 
 PERIOD = 0.01
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shell_deform.live import fusion
-from shell_deform.live.fusion import ErrorModel, Measured, Response, fuse, fuse_numpy
-from shell_deform.live.sample import FLAG_CONTACT, FLAG_SATURATED
-from shell_deform.live.serve_kernel import serve, serve_numpy
+from shell_deform.live.tick import fusion
+from shell_deform.live.tick.fusion import ErrorModel, Measured, Response, fuse, fuse_numpy
+from shell_deform.live.tick.sample import FLAG_CONTACT, FLAG_SATURATED
+from shell_deform.live.tick.serve_kernel import serve, serve_numpy
 
 
 def response(k=2, r=1, seed=0):

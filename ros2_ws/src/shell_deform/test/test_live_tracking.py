@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from shell_deform.building import build_model
-from shell_deform.live.condensed import contact_rows
-from shell_deform.live.tracking import EquilibriumTracker, Target
+from shell_deform.live.background.condensed import contact_rows
+from shell_deform.live.background.tracking import EquilibriumTracker, Target
 from shell_deform.objects import load_object
 from shell_deform.solve.equilibrium import displaced
 from shell_deform.solve.newton import EquilibriumSolver

@@ -8,10 +8,7 @@ import live_hand
 import numpy as np
 import pytest
 
-from shell_deform.live.estimator import Estimator, Settings
-from shell_deform.live.exchange import REQUEST, Layout, create
-from shell_deform.live.pose import IDENTITY
-from shell_deform.live.worker_link import (
+from shell_deform.live.background.worker_link import (
     BACK_OFF_FIRST_S,
     Build,
     WorkerError,
@@ -19,6 +16,9 @@ from shell_deform.live.worker_link import (
     WorkerProcess,
     empty_request,
 )
+from shell_deform.live.exchange import REQUEST, Layout, create
+from shell_deform.live.pose import IDENTITY
+from shell_deform.live.tick.estimator import Estimator, Settings
 
 BALL = Build('tennis_ball_as_printed', 'koiter', 150, niceness=0)
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import trapezoid
 
-from shell_deform.assemble import discretise
-from shell_deform.loads import (
+from shell_deform.assemble.discretisation import discretise
+from shell_deform.contact.loads import (
     PROFILES,
     LoadError,
     contact_patch,

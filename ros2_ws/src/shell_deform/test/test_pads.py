@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from shell_deform.building import build_model, object_contacts
-from shell_deform.loads import LoadError
+from shell_deform.contact.loads import LoadError
+from shell_deform.contact.pad_contact import add_point_blocks, pad_field
+from shell_deform.contact.pads import Pad, gap
 from shell_deform.objects import load_object
 from shell_deform.objects.loader import ObjectError
 from shell_deform.objects.shell_object import Contact, ShellObject, Sphere
-from shell_deform.pads import Pad, gap
 from shell_deform.solve.equilibrium import LoadCaseError, displaced, forced
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
-from shell_deform.solve.pad_contact import add_point_blocks, pad_field
 from shell_deform.solve.stability import snap_margin
 from shell_deform.verification import plates as verification_plates
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from shell_deform.assemble import discretise
-from shell_deform.loads import line_load
+from shell_deform.assemble.discretisation import discretise
+from shell_deform.contact.loads import line_load
 from shell_deform.model import ShellModel
 from shell_deform.readout import support_forces
 from shell_deform.solve.equilibrium import LoadCase

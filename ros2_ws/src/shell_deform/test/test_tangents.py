@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from shell_deform.loads import contact_torque, line_load, surface_load
+from shell_deform.contact.loads import contact_torque, line_load, surface_load
 from shell_deform.solve.borders import borders
 from shell_deform.solve.equilibrium import LoadCase, forced
 from shell_deform.supports import hold_position

@@ -5,7 +5,7 @@ import pytest
 from conftest import sphere_mesh
 from numpy.polynomial.legendre import Legendre
 
-from shell_deform.assemble import discretise
+from shell_deform.assemble.discretisation import discretise
 from shell_deform.model import ShellModel
 from shell_deform.solve.equilibrium import LoadCase
 from shell_deform.surface.control_mesh import control_mesh, moved

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from shell_deform.building import with_material
-from shell_deform.force_curve import ForceCurve, IdentificationError
+from shell_deform.identify.force_curve import ForceCurve, IdentificationError
 from shell_deform.objects import ShellObject, load_object
 from shell_deform.theory.gas import Gas
 from shell_deform.verification.axisymmetric import (

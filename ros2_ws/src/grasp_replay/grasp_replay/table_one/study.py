@@ -24,7 +24,7 @@ from grasp_replay.table_one.ball import (
 )
 from grasp_replay.table_one.can import CAN, can_rows
 from grasp_replay.table_one.paper_setup import paper_setup
-from shell_deform.force_curve import IdentificationError
+from shell_deform.identify.force_curve import IdentificationError
 
 
 def table_one(

@@ -5,14 +5,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from shell_deform.live.worker_link import WorkerProcess
+from shell_deform.live.background.worker_link import WorkerProcess
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until it is told to stop; returns the exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     if {'-h', '--help'} & set(given):
-        from shell_deform import parameters
+        from shell_deform.node import parameters
 
         print(parameters.usage())
         return 0
@@ -20,7 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # hears what to build once the node knows.
     ahead = WorkerProcess()
     try:
-        from shell_deform import deformation_node
+        from shell_deform.node import deformation_node
 
         return deformation_node.run(given, ahead)
     finally:

@@ -14,9 +14,9 @@ from rich.table import Table
 
 from shell_deform.commands.arguments import above_zero, not_negative
 from shell_deform.commands.console import CommandError, print_json, progress, run
-from shell_deform.dent_profile import DentScan, ThicknessFit, fit_thickness
-from shell_deform.force_curve import ForceCurve
-from shell_deform.identify import (
+from shell_deform.identify.dent_profile import DentScan, ThicknessFit, fit_thickness
+from shell_deform.identify.force_curve import ForceCurve
+from shell_deform.identify.modulus import (
     Identified,
     SqueezeData,
     cross_validate,
@@ -25,9 +25,9 @@ from shell_deform.identify import (
     thickness_sensitivity,
     with_thickness,
 )
+from shell_deform.identify.squeeze_table import read_table
 from shell_deform.objects import load_object
 from shell_deform.objects.file_mesh import UNIT_M, read_points
-from shell_deform.squeeze_table import read_table
 
 # One count of the 8-bit gauge at 50 mm, as a standard deviation; a twentieth of a millimetre.
 DEFAULT_SIGMA_FORCE_N = 0.06
@@ -109,7 +109,7 @@ def _read(options: argparse.Namespace) -> tuple[SqueezeData, list[DentScan]]:
     if not path.exists():
         raise CommandError(f'{path} does not exist; give a CSV table or a bag')
     if path.is_dir() or path.suffix in ('.mcap', '.db3'):
-        from shell_deform.squeeze_bag import read_squeeze
+        from shell_deform.identify.squeeze_bag import read_squeeze
 
         if options.thickness:
             raise CommandError(

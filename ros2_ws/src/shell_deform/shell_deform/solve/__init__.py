@@ -1,1 +1,1 @@
-"""Solvers: sparse factorisation, Newton, continuation, stability."""
+"""Solvers: Newton, continuation, stability, the paper's conjugate gradients."""

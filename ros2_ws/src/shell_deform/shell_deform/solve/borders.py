@@ -10,11 +10,11 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from shell_deform.contact.pad_contact import PadField, pad_field
+from shell_deform.factor.base import Factor
+from shell_deform.factor.bordered import BorderedFactor
 from shell_deform.model import ShellModel, Tangent, diagonal_entry
 from shell_deform.solve.equilibrium import LoadCase
-from shell_deform.solve.factor_base import Factor
-from shell_deform.solve.factor_bordered import BorderedFactor
-from shell_deform.solve.pad_contact import PadField, pad_field
 from shell_deform.supports import free_rigid_modes
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ import scipy.linalg as la
 from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
-from shell_deform.loads import ContactPatch
+from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
 from shell_deform.solve.borders import borders
 from shell_deform.solve.equilibrium import LoadCase, LoadCaseError

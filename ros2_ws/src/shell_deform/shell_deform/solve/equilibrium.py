@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.loads import ContactPatch
+from shell_deform.contact.loads import ContactPatch
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.contact.pad_contact import FIRST_STIFFNESS, LAST_STIFFNESS
 from shell_deform.solve.borders import Borders, borders, negative_directions
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, PathState
 from shell_deform.solve.newton_step import NewtonOptions, StepSolver
-from shell_deform.solve.pad_contact import FIRST_STIFFNESS, LAST_STIFFNESS
 from shell_deform.solve.prediction import StepLoads, control_of, predicted
 from shell_deform.theory import THEORIES
 

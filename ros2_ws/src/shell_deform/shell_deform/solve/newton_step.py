@@ -13,17 +13,17 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from shell_deform.model import ShellModel, Tangent
-from shell_deform.solve.borders import Borders, bordered
-from shell_deform.solve.equilibrium import Equilibrium
-from shell_deform.solve.factor import (
+from shell_deform.factor.analysis import (
     Factor,
     FactorError,
     SymbolicFactor,
     analyse,
     factorise,
 )
-from shell_deform.solve.factor_bordered import BorderedFactor
+from shell_deform.factor.bordered import BorderedFactor
+from shell_deform.model import ShellModel, Tangent
+from shell_deform.solve.borders import Borders, bordered
+from shell_deform.solve.equilibrium import Equilibrium
 from shell_deform.solve.prediction import StepLoads
 
 Array = NDArray[np.float64]

@@ -19,7 +19,8 @@ import numpy.typing as npt
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from ..compiled import HAVE_NUMBA
+from shell_deform.compiled.cache import HAVE_NUMBA
+
 from . import closest_point_plain
 from .box_spline import COEFFICIENTS
 from .control_mesh import BoolArray, ControlMesh, FloatArray, IntArray

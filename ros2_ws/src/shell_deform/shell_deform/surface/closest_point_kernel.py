@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import types
 
-from shell_deform.kernel_arrays import float_rows, floats
-from shell_deform.kernel_types import (
+from shell_deform.compiled.kernel_arrays import float_rows, floats
+from shell_deform.compiled.kernel_types import (
     Bools,
     FixedFloatRows,
     FixedLongs,

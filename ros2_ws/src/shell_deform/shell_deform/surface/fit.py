@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from scipy.sparse import csr_matrix, diags, vstack
 
-from shell_deform.solve.factor import analyse, factorise
+from shell_deform.factor.analysis import analyse, factorise
 
 from .control_mesh import BoolArray, ControlMesh, FloatArray, moved
 from .limit import LimitSurface

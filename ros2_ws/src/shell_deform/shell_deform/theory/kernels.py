@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from shell_deform.kernel_types import Float, FloatRows, Floats, Int, Void, kernel
+from shell_deform.compiled.kernel_types import Float, FloatRows, Floats, Int, Void, kernel
 
 LINEAR, PAPER, PAPER_RESTORED, KOITER = 0, 1, 2, 3
 

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.assemble import discretise
+from shell_deform.assemble.discretisation import discretise
 from shell_deform.building import boundary_vertices, build_model
-from shell_deform.loads import surface_load
+from shell_deform.contact.loads import surface_load
 from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject
 from shell_deform.objects.shell_object import Cylinder

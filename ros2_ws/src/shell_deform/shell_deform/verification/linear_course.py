@@ -11,8 +11,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from shell_deform.assemble import discretise
-from shell_deform.loads import surface_load
+from shell_deform.assemble.discretisation import discretise
+from shell_deform.contact.loads import surface_load
 from shell_deform.model import ShellModel
 from shell_deform.solve.equilibrium import LoadCase, forced
 from shell_deform.solve.newton import EquilibriumSolver, borders

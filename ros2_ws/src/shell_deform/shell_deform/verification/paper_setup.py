@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.assemble import discretise
+from shell_deform.assemble.discretisation import discretise
 from shell_deform.building import build_model, object_contacts
 from shell_deform.model import ShellModel
 from shell_deform.solve.conjugate_gradient import minimise

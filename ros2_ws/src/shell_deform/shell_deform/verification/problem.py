@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.loads import ContactPatch
+from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
 from shell_deform.supports import vertex_parameters
 from shell_deform.surface.limit import LimitSurface

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.assemble import discretise
+from shell_deform.assemble.discretisation import discretise
 from shell_deform.model import ShellModel
 from shell_deform.solve.continuation import ArcLengthOptions, Path, follow_path
 from shell_deform.solve.equilibrium import LoadCase, forced

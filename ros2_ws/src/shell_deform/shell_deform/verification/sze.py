@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.assemble import discretise
-from shell_deform.loads import ContactPatch, line_load
+from shell_deform.assemble.discretisation import discretise
+from shell_deform.contact.loads import ContactPatch, line_load
 from shell_deform.model import ShellModel
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, forced
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions

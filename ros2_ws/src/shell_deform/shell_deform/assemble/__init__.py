@@ -1,0 +1,1 @@
+"""The undeformed shell at its quadrature points: energy, gradient, stiffness."""

@@ -1,0 +1,1 @@
+"""What pushes: loads, pins, and rigid pads in unilateral contact."""

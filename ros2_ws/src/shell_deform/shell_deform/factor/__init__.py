@@ -1,0 +1,1 @@
+"""Sparse symmetric LDL^T: orderings, symbolic analysis, fronts, substitution, borders."""

@@ -1,0 +1,1 @@
+"""Modulus, pressure and wall from force curves, squeezes and dents."""

@@ -1,0 +1,109 @@
+"""Force and displacement pairs from a recorded grasp: travel of the contacts against push."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.typesys import Stores, get_typestore
+
+from shell_deform.identify.force_curve import IdentificationError
+from shell_deform.identify.modulus import SqueezeData
+
+Array = NDArray[np.float64]
+
+CONTACT, UNUSABLE = 1, 2 | 4 | 8 | 16 | 32
+FLOAT32, UINT8 = 7, 2
+# Enough for a smooth curve; each costs an equilibrium per try of the fit.
+BINS = 12
+# A mean over a bin still feels the width of a count.
+OWN_SIGMA_N = 0.05
+
+
+def read_squeeze(bag: Path, topic: str = '/hand/contacts') -> SqueezeData:
+    """Loading data of a bag: while the push grows, averaged over fingers and travel bins.
+
+    Only fingers in contact count whose gauge is tared, fitted, fresh and not saturated. Raises
+    IdentificationError when the bag cannot be read, has no such topic, or never squeezes.
+    """
+    travel, force, sigma_force, sigma_travel = _samples(bag, topic)
+    edges = np.linspace(0.0, travel.max() * (1.0 + 1e-9), BINS + 1)
+    place = np.digitize(travel, edges) - 1
+    rows = []
+    for k in range(1, BINS):
+        inside = place == k
+        if inside.sum() < 3:
+            continue
+        # noise averages out over the bin, quantisation and drift of the gauge do not
+        rows.append(
+            [
+                np.mean(force[inside]),
+                np.mean(travel[inside]),
+                np.mean(sigma_force[inside]),
+                np.mean(sigma_travel[inside]),
+            ]
+        )
+    if len(rows) < 2:
+        raise IdentificationError(
+            f'{bag}: the contacts of {topic} never travel under load; record a slow squeeze'
+        )
+    force, displacement, sigma_force, sigma_displacement = np.array(rows).T
+    # what grows with the force is the gauge's gain, the same in all rows
+    gain = float(np.min(sigma_force / force))
+    own = np.sqrt(np.maximum(sigma_force**2 - (gain * force) ** 2, OWN_SIGMA_N**2))
+    return SqueezeData(force, displacement, own, sigma_displacement, sigma_gain=gain)
+
+
+def _samples(bag: Path, topic: str) -> tuple[Array, Array, Array, Array]:
+    parts: list[Array] = []
+    try:
+        store = get_typestore(Stores.ROS2_JAZZY)
+        with AnyReader([bag], default_typestore=store) as reader:
+            connections = [c for c in reader.connections if c.topic == topic]
+            if not connections:
+                raise IdentificationError(f'{bag}: no topic {topic}')
+            for connection, _, raw in reader.messages(connections=connections):
+                parts.append(_pushing(reader.deserialize(raw, connection.msgtype)))
+    except (AnyReaderError, OSError) as error:
+        raise IdentificationError(f'{bag} cannot be read: {error}') from error
+    samples = np.concatenate(parts) if parts else np.zeros((0, 4))
+    if len(samples) < 10:
+        raise IdentificationError(
+            f'{bag}: {len(samples)} samples with travel, a tared gauge and contact; a squeeze '
+            'needs more'
+        )
+    rising = _rising(samples[:, 1])
+    travel, force, sigma_force, sigma_travel = samples[rising][:, [0, 1, 2, 3]].T
+    return travel, force, sigma_force, sigma_travel
+
+
+def _pushing(cloud: Any) -> Array:
+    """One mean sample (1, 4) travel, push, sigma_n, sigma_travel of the fingers that push."""
+    fields = {field.name: field for field in cloud.fields}
+    if 'travel' not in fields:
+        return np.zeros((0, 4))
+    names = ('nx', 'ny', 'nz', 'fx', 'fy', 'fz', 'sigma_n', 'travel', 'sigma_travel', 'flags')
+    description: Any = {
+        'names': list(names),
+        'formats': ['u1' if fields[name].datatype == UINT8 else '<f4' for name in names],
+        'offsets': [fields[name].offset for name in names],
+        'itemsize': cloud.point_step,
+    }
+    layout = np.dtype(description)
+    points: Any = np.frombuffer(bytes(cloud.data), dtype=layout)
+    flags = points['flags']
+    push = sum(points[f'f{i}'].astype(float) * points[f'n{i}'] for i in 'xyz')
+    good = (flags & CONTACT > 0) & (flags & UNUSABLE == 0) & np.isfinite(push)
+    good &= np.isfinite(points['travel']) & (points['travel'] > 0)
+    if not good.any():
+        return np.zeros((0, 4))
+    columns = [points['travel'], push, points['sigma_n'], points['sigma_travel']]
+    return np.array([[float(np.mean(column[good])) for column in columns]])
+
+
+def _rising(force: Array) -> NDArray[np.bool_]:
+    """Samples whose push is about the largest so far: loading, not release."""
+    return force >= 0.97 * np.maximum.accumulate(force)

@@ -1,0 +1,1 @@
+"""The process beside the node: it follows the newest load case with the nonlinear solver."""

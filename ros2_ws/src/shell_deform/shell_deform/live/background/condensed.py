@@ -1,0 +1,194 @@
+"""The response of a loaded shell about one equilibrium, condensed to a few inputs.
+
+The fast tick may not solve the full system, so the background process does it once per state: it
+factorises the tangent there and keeps what a handful of inputs do to the surface:
+
+    push      extra force [N] along the axis of each contact,
+    lateral   motion [m] of each held patch along its two lateral directions (slip, pin mounting),
+    rigid     amplitude of each rigid motion that neither supports nor held contacts prevent,
+    modulus   relative change of Young's modulus, loads unchanged.
+
+and what they do to the outputs: displacement of each contact centre along its axis, lateral
+reactions of the held patches, generalised reactions of the rigid motions (zero in equilibrium).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.contact.loads import ContactPatch
+from shell_deform.factor.analysis import Factor
+from shell_deform.factor.bordered import BorderedFactor
+from shell_deform.model import ShellModel, Tangent, diagonal_entry
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.supports import free_rigid_modes
+
+Array = NDArray[np.float64]
+
+HELD_ROWS = 3
+LATERAL_ROWS = 2
+
+
+@dataclass(frozen=True)
+class ContactRows:
+    """Dense rows of one set of k contacts over the N = 3 n control coordinates.
+
+    Attributes:
+        push: (N, k) nodal forces of unit pushes. measure: (N, k) centre displacements.
+        held: (N, 3 k) two lateral motions and the spin of every patch.
+        left: (N, r) orthonormal rigid motions that nothing prevents.
+    """
+
+    push: Array
+    measure: Array
+    held: Array
+    left: Array
+
+    @property
+    def contacts(self) -> int:
+        """Number k of contacts."""
+        return int(self.push.shape[1])
+
+    @property
+    def constraints(self) -> Array:
+        """(N, 3 k + r) all constraint columns."""
+        return np.concatenate([self.held, self.left], axis=1)
+
+    @property
+    def lateral_columns(self) -> NDArray[np.int64]:
+        """Which constraint columns are lateral motions, contact by contact: (2 k,)."""
+        first = HELD_ROWS * np.arange(self.contacts)
+        return (first[:, None] + np.arange(LATERAL_ROWS)).ravel()
+
+
+def contact_rows(model: ShellModel, patches: tuple[ContactPatch, ...]) -> ContactRows:
+    """Rows of a set of contacts on `model`."""
+    size = 3 * len(model.rest)
+    push = np.zeros((size, len(patches)))
+    measure = np.zeros((size, len(patches)))
+    held = np.zeros((size, HELD_ROWS * len(patches)))
+    for i, patch in enumerate(patches):
+        push[:, i] = patch.force_pattern(patch.axis).reshape(-1)
+        measure[:, i] = patch.displacement_row().reshape(-1)
+        held[:, HELD_ROWS * i : HELD_ROWS * (i + 1)] = patch.held_rows().reshape(HELD_ROWS, -1).T
+    return ContactRows(push, measure, held, free_rigid_modes(model.free_modes, held))
+
+
+@dataclass(frozen=True)
+class Condensed:
+    """Columns and outputs for unit inputs, ordered push (k), lateral (2 k), rigid (r), modulus.
+
+    Attributes:
+        fields: (N, j) motion of the control points.
+        displacement: (k, j) motion of the contact centres along their axes.
+        reaction: (2 k, j) lateral forces of the fingers on the patches.
+        rigid_reaction: (r, j) generalised forces that hold the rigid motions.
+    """
+
+    fields: Array
+    displacement: Array
+    reaction: Array
+    rigid_reaction: Array
+
+
+@dataclass(frozen=True)
+class SprungFactor:
+    """A factorised stiffness with springs [N/m] on a few dofs, which make a free body's regular.
+
+    The springs are taken back exactly where the factor is used.
+    """
+
+    factor: Factor
+    springs: NDArray[np.int64]
+    stiffness: float
+
+
+def factorise_sprung(solver: EquilibriumSolver, tangent: Tangent) -> SprungFactor:
+    """Factorise the stiffness of a tangent of the solver's model."""
+    springs = solver.model.springs
+    matrix = tangent.stiffness
+    if not len(springs):
+        return SprungFactor(solver.factor(matrix), springs, 0.0)
+    matrix = matrix.copy()
+    diagonal = matrix.diagonal()
+    stiffness = float(np.median(diagonal[diagonal > 0]))
+    for dof in springs:
+        matrix.data[diagonal_entry(matrix, int(dof))] += stiffness
+    return SprungFactor(solver.factor(matrix), springs, stiffness)
+
+
+class CondensedSystem:
+    """The factorised tangent at one state with the constraints of one set of contacts."""
+
+    def __init__(self, sprung: SprungFactor, tangent: Tangent, rows: ContactRows) -> None:
+        """`sprung` is that of `tangent`; springs and sealed gas enter as low-rank updates."""
+        self.rows = rows
+        size, springs = len(tangent.gradient), sprung.springs
+        updates = np.zeros((size, len(springs) + 1))
+        updates[springs, np.arange(len(springs))] = 1.0
+        updates[:, -1] = tangent.gas_row
+        elastic = tangent.gradient + tangent.gas_pressure * tangent.gas_row
+        self._bordered = BorderedFactor(
+            sprung.factor,
+            borders=rows.constraints,
+            update_vectors=updates,
+            update_coefficients=np.append(
+                np.full(len(springs), -sprung.stiffness), tangent.gas_stiffness
+            ),
+            loads=np.concatenate([rows.push, -elastic[:, None]], axis=1),
+        )
+        fields, multipliers = self._bordered.solve_loads(0.0)
+        self.push_fields, self._modulus_field = np.split(fields, [rows.contacts], axis=1)
+        self.push_multipliers, self._modulus_multipliers = np.split(
+            multipliers, [rows.contacts], axis=1
+        )
+        self.compliance = rows.measure.T @ self.push_fields
+
+    def solve(self, loads: Array, prescribed: Array) -> tuple[Array, Array]:
+        """Motion (N,) or (N, m) and constraint multipliers for loads and constraint values.
+
+        Unrefined: eight digits are plenty for iterations that correct themselves and for columns.
+        """
+        if loads.ndim == 2 and loads.shape[1] == 0:
+            return loads, prescribed
+        return self._bordered.solve(loads, prescribed, refinements=0)
+
+    @property
+    def negative_modes(self) -> int:
+        """Directions of negative stiffness among motions the constraints allow, forces dead."""
+        return max(0, self._bordered.inertia.negative - self.rows.constraints.shape[1])
+
+    def negative_modes_driven(self, driven: NDArray[np.bool_]) -> int:
+        """The same while the displacement of the `driven` (k,) contacts is prescribed.
+
+        Prescribing d displacements adds d constraints; by Haynsworth their Schur complement is
+        minus the compliance, so every negative compliance takes one negative mode away.
+        """
+        block = self.compliance[np.ix_(driven, driven)]
+        taken = int(np.sum(np.linalg.eigvalsh(0.5 * (block + block.T)) < 0)) if len(block) else 0
+        return max(0, self.negative_modes - taken)
+
+    def condense(self) -> Condensed:
+        """Columns of all inputs."""
+        rows = self.rows
+        count = rows.contacts
+        constraints = rows.constraints.shape[1]
+        prescribed = np.concatenate(
+            [rows.lateral_columns, np.arange(HELD_ROWS * count, constraints)]
+        )
+        below = np.zeros((constraints, len(prescribed)))
+        below[prescribed, np.arange(len(prescribed))] = 1.0
+        fields, multipliers = self.solve(np.zeros((len(self.push_fields), len(prescribed))), below)
+        fields = np.concatenate([self.push_fields, fields, self._modulus_field], axis=1)
+        multipliers = np.concatenate(
+            [self.push_multipliers, multipliers, self._modulus_multipliers], axis=1
+        )
+        return Condensed(
+            fields=fields,
+            displacement=rows.measure.T @ fields,
+            reaction=-multipliers[rows.lateral_columns],
+            rigid_reaction=-multipliers[HELD_ROWS * count :],
+        )

@@ -1,0 +1,65 @@
+"""A load case on its way from the tick to the background solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.live.background.contact_tracking import Touch
+from shell_deform.live.pose import Pose, pose_of
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Load:
+    """A load case as the mailbox carries it, in the frame of the contacts.
+
+    Attributes:
+        touches: the fingers in contact. drive: 0 by force, else by motion where it is known.
+        generation: the set of contacts that `rigid` and the displacements refer to.
+        rigid: amplitudes of the free rigid motions. tendon: stretch [m/N].
+        pose: of the object, or None to infer it at first touch.
+        stamp: of the sample [ns]. reset: forget everything first.
+    """
+
+    touches: tuple[Touch, ...]
+    drive: int
+    generation: int
+    rigid: Array
+    tendon: float
+    pose: Pose | None
+    stamp: int
+    reset: bool = False
+
+
+def load_of(request: np.void, resets: int = 0) -> Load:
+    """Read a mailbox record.
+
+    It counts the resets asked for so far, since load cases are overtaken; `resets` of them were
+    obeyed already.
+    """
+    touches = tuple(
+        Touch(
+            int(t['finger']),
+            t['point'].copy(),
+            t['normal'].copy(),
+            float(t['radius']),
+            float(t['force']),
+            float(t['travel']),
+            float(t['displacement']),
+        )
+        for t in request['touch'][: int(request['contacts'])]
+    )
+    return Load(
+        touches=touches,
+        drive=int(request['drive']),
+        generation=int(request['generation']),
+        rigid=request['rigid'].copy(),
+        tendon=float(request['tendon']),
+        pose=pose_of(request['pose']) if request['placed'] else None,
+        stamp=int(request['stamp']),
+        reset=int(request['resets']) > resets,
+    )

@@ -1,0 +1,335 @@
+"""Following an equilibrium while its load case changes a little at a time.
+
+The factorised tangent of the last state serves the chord iterations to the next one, and the
+tangent that the condensed columns need there anyway becomes the factor of the step after: one
+factorisation per refresh. A step the chord does not carry is halved, with a new tangent each time
+a part of it is reached.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.live.background.condensed import (
+    Condensed,
+    CondensedSystem,
+    ContactRows,
+    SprungFactor,
+    factorise_sprung,
+)
+from shell_deform.model import ShellModel, Tangent
+from shell_deform.solve.newton import EquilibriumSolver
+
+Array = NDArray[np.float64]
+
+SMALLEST_STEP = 1.0 / 256.0
+
+BALANCED = 1e-12
+"""Unbalanced force, over that of the shell, which is round-off."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is prescribed at the k contacts and the r free rigid motions.
+
+    Attributes:
+        force: (k,) push [N], read where the contact is not driven.
+        displacement: (k,) centre displacement [m], read where it is driven.
+        driven: (k,) whether the displacement is prescribed.
+        rigid: (r,) amplitudes of the free rigid motions.
+        held: (3 k,) lateral motions and spin at which the patches are held.
+    """
+
+    force: Array
+    displacement: Array
+    driven: NDArray[np.bool_]
+    rigid: Array
+    held: Array
+
+
+@dataclass(frozen=True)
+class State:
+    """An equilibrium of the shell.
+
+    Attributes:
+        moved: (N,) displacement of the control points. force: (k,) pushes [N].
+        multipliers: (3 k + r,) of the constraints. energy: [J]. gradient: (N,) its derivative [N].
+        residual: unbalanced force relative to the loads.
+    """
+
+    moved: Array
+    force: Array
+    multipliers: Array
+    energy: float
+    gradient: Array
+    residual: float
+
+
+@dataclass(frozen=True)
+class TrackingOptions:
+    """How hard to try.
+
+    Attributes:
+        residual: relative residual force that ends the iterations.
+        step: or a last correction below this share of the wall thickness.
+        iterations: per step. contraction: slower than this asks for a new tangent.
+        tangents: at most so many new tangents per advance; tangents_per_step: per step.
+        largest_move: correction in wall thicknesses beyond which a step is halved; longer ones
+            may land on another branch of a shell that has several.
+    """
+
+    residual: float = 1e-7
+    step: float = 2e-5
+    iterations: int = 25
+    contraction: float = 0.5
+    tangents: int = 24
+    tangents_per_step: int = 3
+    largest_move: float = 1.0
+
+
+class EquilibriumTracker:
+    """One shell, its present state, and the factorised tangent there."""
+
+    def __init__(self, model: ShellModel, options: TrackingOptions | None = None) -> None:
+        self.model = model
+        self.options = options or TrackingOptions()
+        self._solver = EquilibriumSolver(model)
+        self._wall = float(model.shell.thickness.max())
+        self._noise_force = 1e-7 * float(model.shell.membrane[:, 0, 0].max()) * self._wall
+        self._tangent: Tangent | None = None
+        self._factor: SprungFactor | None = None
+        self._budget = self.options.tangents
+        self._system: CondensedSystem | None = None
+        self.factorisations = 0
+        self.iterations = 0
+        self.message = ''
+        self._rest: tuple[Tangent, SprungFactor] | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the undeformed state without contacts."""
+        size = 3 * len(self.model.rest)
+        empty = np.zeros(0)
+        energy, gradient = self.model.gradient(self.model.rest)
+        self.state = State(np.zeros(size), empty, empty, energy, gradient, 0.0)
+        self.rows: ContactRows | None = None
+        self._target: Target | None = None
+        self._fresh = False
+        self._tangent = None
+        self._system = None
+
+    @property
+    def positions(self) -> Array:
+        """(n, 3) control points of the present state."""
+        return self.model.rest + self.state.moved.reshape(-1, 3)
+
+    def set_contacts(self, rows: ContactRows, force: Array) -> None:
+        """Continue from the present shape with another set of contacts and these pushes [N]."""
+        self.rows = rows
+        count = rows.constraints.shape[1]
+        self.state = replace(
+            self.state, force=np.asarray(force, float), multipliers=np.zeros(count)
+        )
+        self._target = None
+        self._system = None
+
+    def forget_tangent(self) -> None:
+        """The state was replaced: its tangent is another one."""
+        self._fresh = False
+        self._renew()
+
+    def rest_system(self, positions: Array, rows: ContactRows) -> CondensedSystem:
+        """Factorised tangent at the unloaded `positions` (n, 3), kept for later contacts."""
+        if self._rest is None:
+            tangent = self.model.tangent(positions)
+            self._rest = tangent, factorise_sprung(self._solver, tangent)
+        return CondensedSystem(self._rest[1], self._rest[0], rows)
+
+    def here(self, driven: NDArray[np.bool_]) -> Target:
+        """The present values of everything that can be prescribed."""
+        rows = self._rows()
+        values = rows.constraints.T @ self.state.moved
+        split = rows.held.shape[1]
+        return Target(
+            self.state.force,
+            rows.measure.T @ self.state.moved,
+            driven,
+            values[split:],
+            values[:split],
+        )
+
+    def system(self) -> CondensedSystem:
+        """The factorised tangent at or near the present state."""
+        if self._system is None:
+            self._fresh = self._fresh or self._tangent is None
+            self._linearise(self.positions)
+        assert self._system is not None
+        return self._system
+
+    def _linearise(self, positions: Array) -> None:
+        """Factorise the tangent at control `positions` (n, 3), unless one is kept."""
+        if self._tangent is None or self._factor is None:
+            # The old factor goes first: two of them are the largest thing in memory.
+            self._factor = self._system = None
+            self._tangent = self.model.tangent(positions)
+            self._factor = factorise_sprung(self._solver, self._tangent)
+            self.factorisations += 1
+        self._system = CondensedSystem(self._factor, self._tangent, self._rows())
+
+    def condense(self) -> Condensed:
+        """Columns about the present state, from a tangent taken there.
+
+        The new factor also takes the Newton step that the chord iterations left over.
+        """
+        self._renew()
+        system = self.system()
+        if self._target is not None:
+            self._polish(self._target)
+        return system.condense()
+
+    def _polish(self, target: Target) -> None:
+        """One Newton step, if it is as short as the iterations promised."""
+        state, tangent = self.state, self._tangent
+        assert tangent is not None
+        step, multipliers, force = self._step(target, state, np.zeros(len(state.moved)))
+        if not np.abs(step).max() < self.options.step * self._wall:
+            return
+        change = tangent.stiffness @ step
+        change += tangent.gas_stiffness * tangent.gas_row * (tangent.gas_row @ step)
+        self.state = replace(
+            state,
+            moved=state.moved + step,
+            force=force,
+            multipliers=multipliers,
+            energy=state.energy + float((state.gradient + 0.5 * change) @ step),
+            gradient=state.gradient + change,
+        )
+
+    def advance(self, target: Target) -> float:
+        """Go towards `target` by as few steps as converge; returns the share that was reached.
+
+        A share below one leaves the tracker at an equilibrium on the way and says why in
+        `message`.
+        """
+        start = self.here(target.driven)
+        loose = self._loose_force()
+        reached, step = 0.0, 1.0
+        self._budget = self.options.tangents
+        self.message = ''
+        while reached < 1.0:
+            trial = min(1.0, reached + step)
+            goal = _between(start, target, trial)
+            found = self._iterate(goal, (1.0 - trial) * loose)
+            if found is not None:
+                self.state = found
+                self._target = goal if trial == 1.0 else None
+                self._fresh = False
+                reached = trial
+                step *= 1.5
+                continue
+            self._renew()
+            step = 0.5 * (trial - reached)
+            if self._budget <= 0 or step < SMALLEST_STEP:
+                self.message = self.message or 'the load case changes faster than the solver'
+                return reached
+        self.message = ''
+        return 1.0
+
+    def _rows(self) -> ContactRows:
+        assert self.rows is not None, 'set_contacts comes first'
+        return self.rows
+
+    def _renew(self) -> None:
+        """Ask for a tangent at the present state."""
+        if not self._fresh:
+            self._tangent = None
+            self._system = None
+
+    def _loose_force(self) -> Array:
+        """(N,) force that keeps the present state but is no longer there.
+
+        A contact that left has taken its push and its grip with it: both are let go in steps.
+        """
+        rows, state = self._rows(), self.state
+        return state.gradient - rows.push @ state.force + rows.constraints @ state.multipliers
+
+    def _step(self, target: Target, state: State, extra: Array) -> tuple[Array, Array, Array]:
+        """Newton step (N,) from `state` by the tangent at hand, new multipliers and pushes."""
+        rows, system, driven = self._rows(), self.system(), target.driven
+        prescribed = np.concatenate([target.held, target.rigid])
+        held, carried = rows.constraints @ state.multipliers, rows.push @ state.force
+        loose = carried + extra - held - state.gradient
+        # What a Newton step left in balance is not worth the triangular solves.
+        if np.linalg.norm(loose) < BALANCED * np.linalg.norm(state.gradient):
+            loose = np.zeros_like(loose)
+        step, multipliers = system.solve(loose, prescribed - rows.constraints.T @ state.moved)
+        more = np.where(driven, 0.0, target.force - state.force)
+        if driven.any():
+            missing = target.displacement - rows.measure.T @ (state.moved + step)
+            missing = (missing - system.compliance @ more)[driven]
+            more[driven] = np.linalg.lstsq(
+                system.compliance[np.ix_(driven, driven)], missing, rcond=None
+            )[0]
+        return (
+            step + system.push_fields @ more,
+            state.multipliers + multipliers + system.push_multipliers @ more,
+            state.force + more,
+        )
+
+    def _iterate(self, target: Target, extra: Array) -> State | None:
+        """The state under `target` and dead nodal forces `extra` (N,), or None.
+
+        Chord iterations on the tangent at hand; where they contract too slowly, a new tangent.
+        """
+        options, rows, state = self.options, self._rows(), self.state
+        before, tangents = np.inf, options.tangents_per_step
+        for _ in range(options.iterations):
+            step, multipliers, force = self._step(target, state, extra)
+            self.iterations += 1
+            largest = float(np.abs(step).max(initial=0.0))
+            if not largest < options.largest_move * self._wall:
+                self.message = f'an iteration moved the surface by {1e3 * largest:.1f} mm'
+                return None
+            slow = largest > options.contraction * before
+            if slow and (largest > 2.0 * before or tangents == 0 or self._budget <= 0):
+                self.message = 'the iterations did not converge'
+                return None
+            moved = state.moved + step
+            positions = self.model.rest + moved.reshape(-1, 3)
+            energy, gradient = self.model.gradient(positions)
+            held, carried = rows.constraints @ multipliers, rows.push @ force
+            scale = max(
+                float(np.linalg.norm(carried)), float(np.linalg.norm(held)), self._noise_force
+            )
+            residual = float(np.linalg.norm(gradient - carried - extra + held)) / scale
+            if not np.isfinite(residual):
+                self.message = 'the surface folded onto itself'
+                return None
+            state = State(moved, force, multipliers, energy, gradient, residual)
+            if residual < options.residual or largest < options.step * self._wall:
+                return state
+            before = largest
+            if slow:
+                tangents -= 1
+                self._budget -= 1
+                self._fresh, self._tangent = False, None
+                self._linearise(positions)
+                before = np.inf
+        self.message = 'the iterations did not converge'
+        return None
+
+
+def _between(start: Target, end: Target, share: float) -> Target:
+    """Targets in proportion between two."""
+    return Target(
+        start.force + share * (end.force - start.force),
+        start.displacement + share * (end.displacement - start.displacement),
+        end.driven,
+        start.rigid + share * (end.rigid - start.rigid),
+        end.held
+        if len(start.held) != len(end.held)
+        else start.held + share * (end.held - start.held),
+    )

@@ -1,0 +1,149 @@
+"""The background process: builds the shell, then solves the newest load case, again and again.
+
+Started as `python -m shell_deform.live.background.worker SOCKET EVENT`: a fresh interpreter
+without ROS. The socket carries one line of JSON with what to build, and back a line with the sizes
+together with the descriptor of the shared memory, or a line with the reason why not. Afterwards
+every posted load case adds one to the event counter, so a count above one tells how many were
+overtaken. The end of the socket is the end of the process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import socket
+import sys
+
+import numpy as np
+
+from shell_deform.building import build_model
+from shell_deform.live.background.courtesy import Courtesy
+from shell_deform.live.background.load_case import load_of
+from shell_deform.live.background.solving import LiveSolver
+from shell_deform.live.exchange import Layout, SharedMemory, create
+from shell_deform.model import ShellModel
+from shell_deform.objects import load_object
+
+FAILURES_TO_GIVE_UP = 5
+
+
+def build(options: dict[str, object]) -> ShellModel:
+    """The shell that `options` (object, theory, control_vertices) describe."""
+    count = options.get('control_vertices')
+    return build_model(
+        load_object(str(options['object'])),
+        theory=str(options['theory']),
+        control_vertices=int(str(count)) if count else None,
+    )
+
+
+def share(solver: LiveSolver) -> tuple[SharedMemory, int]:
+    """Shared memory with the surface at rest in it, and its descriptor."""
+    mesh = solver.model.shell.mesh
+    triangles = mesh.triangles[mesh.active]
+    layout = Layout(len(solver.model.rest), len(triangles))
+    memory, descriptor = create(layout)
+    memory.rest[:] = solver.unloaded_surface
+    memory.rest_normals[:] = solver.unloaded_normals
+    memory.triangles[:] = triangles
+    return memory, descriptor
+
+
+class Loop:
+    """Serves load cases from shared memory until the other side is gone."""
+
+    def __init__(self, solver: LiveSolver, memory: SharedMemory, event: int, polite: bool) -> None:
+        """`polite`: work in the idle class where that gets on."""
+        self.solver = solver
+        self.memory = memory
+        self.event = event
+        self.dropped = 0
+        self.resets = 0
+        self.results = 0
+        self.failures = 0
+        self.courtesy = Courtesy() if polite else None
+
+    def run(self, connection: socket.socket) -> None:
+        """Wait for load cases; returns when `connection` closes."""
+        while True:
+            ready, _, _ = select.select([self.event, connection.fileno()], [], [])
+            if connection.fileno() in ready and not connection.recv(1):
+                return
+            if self.event in ready:
+                self.dropped += os.eventfd_read(self.event) - 1
+                if self.courtesy is None:
+                    self.serve_newest()
+                else:
+                    self.courtesy.run(self.serve_newest)
+
+    def serve_newest(self) -> None:
+        """Solve the newest load case and publish: first the state, then its own columns."""
+        request = self.memory.read_request()
+        if request is None:
+            return
+        try:
+            self.solver.take(load_of(request[0], self.resets))
+            self.resets = int(request[0]['resets'])
+            self._publish(int(request[0]['begin']), fresh=False)
+            if self.solver.refine():
+                self._publish(int(request[0]['begin']), fresh=True)
+            self.failures = 0
+        except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
+            self.failures += 1
+            print(f'deformation worker: {error}', file=sys.stderr, flush=True)
+            if self.failures >= FAILURES_TO_GIVE_UP:
+                raise
+
+    def _publish(self, answers: int, fresh: bool) -> None:
+        index = self.memory.free_slot()
+        slot = self.memory.slots[index]
+        self.solver.fill(slot)
+        slot.record['answers'] = answers
+        slot.record['dropped'] = self.dropped
+        slot.record['fresh_columns'] = int(fresh)
+        self.results += 1
+        self.memory.publish(index, self.results)
+
+
+def main() -> int:
+    """Run the process; returns the exit code."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    connection = socket.socket(fileno=int(sys.argv[1]))
+    line = connection.makefile('r').readline()
+    if not line:
+        # Whoever started this process ahead ended before it knew what to build.
+        return 0
+    options = json.loads(line)
+    niceness = int(options['niceness'])
+    os.nice(niceness)
+    try:
+        solver = LiveSolver(build(options))
+    except (ValueError, OSError) as error:
+        connection.sendall(json.dumps({'error': str(error)}).encode() + b'\n')
+        return 1
+    memory, descriptor = share(solver)
+    layout = memory.layout
+    hello = {
+        'vertices': layout.vertices,
+        'triangles': layout.triangles,
+        'thickness': float(solver.model.shell.thickness.mean()),
+    }
+    try:
+        socket.send_fds(connection, [json.dumps(hello).encode() + b'\n'], [descriptor])
+    except BrokenPipeError:
+        # Whoever asked for the shell has ended meanwhile.
+        return 0
+    os.close(descriptor)
+    # The surface at rest is served meanwhile. A shell may have no place for a contact there; the
+    # first real one then takes longer.
+    with contextlib.suppress(ValueError, RuntimeError):
+        solver.warm_up()
+    Loop(solver, memory, int(sys.argv[2]), polite=niceness > 0).run(connection)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,117 @@
+"""A result of the background process, as the tick uses it: an equilibrium and its tangent."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.live.exchange import Slot
+from shell_deform.live.pose import pose_of
+from shell_deform.live.tick.fusion import Measured, Response
+from shell_deform.live.tick.linearity import linear_error
+from shell_deform.live.tick.release import rest_response
+
+Array = NDArray[np.float64]
+
+BEND_REACH = 3.0
+"""The second-order field is trusted to this many times the step it was measured over."""
+
+WIDEST_GAUGE = 1.0
+"""However far the tangent is left behind, a gauge stays better than this [N]."""
+
+
+class Adopted:
+    """A result slot, unpacked once for many ticks. Arrays of n vertices stay views."""
+
+    def __init__(self, slot: Slot) -> None:
+        record = slot.record
+        k, r = int(record['contacts']), int(record['rigid_count'])
+        j = 3 * k + r + 1
+        self.slot = slot
+        self.stamp = int(record['stamp'])
+        self.generation = int(record['generation'])
+        self.fingers = record['finger'][:k].astype(np.int64)
+        self.response = Response(
+            force=record['force'][:k].copy(),
+            displacement=record['displacement'][:k].copy(),
+            travel_offset=record['travel_offset'][:k].copy(),
+            rigid=record['rigid'][:r].copy(),
+            rigid_scale=float(record['rigid_scale']),
+            reaction=record['reaction'][: 2 * k].copy(),
+            lateral=record['lateral'][: 2 * k].copy(),
+            rigid_reaction=record['rigid_reaction'][:r].copy(),
+            displacement_by=record['displacement_by'][:k, :j].copy(),
+            reaction_by=record['reaction_by'][: 2 * k, :j].copy(),
+            rigid_by=record['rigid_by'][:r, :j].copy(),
+        )
+        self.energy = float(record['energy'])
+        self.share = float(record['share'])
+        self.stable = bool(record['stable'])
+        self.snap_margin = float(record['snap_margin'])
+        self.message = bytes(record['message']).decode(errors='replace')
+        self.linear_compliance = record['linear_compliance'][:k, :k].copy()
+        self.second_order = record['second_order'][:k, : k * (k + 1) // 2].copy()
+        self.columns = slot.input_columns()
+        self.linear_columns = slot.linear_columns()
+        self.rest_stiffness = np.linalg.pinv(self.linear_compliance)
+        self.at_rest = rest_response(self.response, self.linear_compliance)
+        self.bend_direction = record['bend_direction'][:k].copy()
+        self.bend_offset = float(record['bend_offset'])
+        self.bend_reach = float(record['bend_reach'])
+        self.third_reach = float(record['third_reach'])
+        self.push_bend = record['push_bend'][:k].copy()
+        along = np.einsum('ni,ni->n', slot.normals, slot.bend)
+        self.worst_bend = float(np.abs(along).max(initial=0.0))
+        self.worst_third = float(slot.third.max(initial=0.0))
+        self.pose = pose_of(record['pose'])
+        self.pose_root = _root(record['pose_covariance'])
+
+    def bend(self, moved: Array) -> tuple[float, float, float]:
+        """Inputs of the second-order field for moved contacts (k,) [m].
+
+        Returns what it is multiplied with and how much of that is uncertain [m^2], and the input
+        of the unknown third order [m^3]. The field was measured between the last two equilibria
+        and serves along that direction.
+        """
+        along = float(self.bend_direction @ moved)
+        reach = BEND_REACH * self.bend_reach
+        used = min(max(along, -reach), reach)
+        offset = self.bend_offset
+        value = (offset + used) ** 2 - offset**2
+        rest = float(moved @ moved) - used * used
+        return value, max(rest, 0.0), abs(self._cube(offset + along) - self._cube(offset))
+
+    def missed(self, moved: Array) -> float:
+        """Error estimate [m], at the worst vertex, of the step of the contacts by `moved` (k,)."""
+        _, bend_error, third = self.bend(moved)
+        return self.worst_bend * bend_error + self.worst_third * third
+
+    def missed_from_rest(self, displacement: Array) -> float:
+        """The same of linear theory from rest for contacts displaced by (k,) [m]."""
+        push = self.rest_stiffness @ displacement
+        share = linear_error(self.linear_compliance, self.second_order, push, displacement)
+        return share * float(np.abs(displacement).max())
+
+    def doubted(self, measured: Measured) -> Measured:
+        """The same with wider gauges.
+
+        The tangent does not know how the push bends away from it: over a long step a gauge would
+        outvote the encoders with the error of the tangent.
+        """
+        step = measured.travel + self.response.travel_offset - self.response.displacement
+        square = float(np.nansum(np.where(measured.present, step * step, 0.0)))
+        bent = np.minimum(np.abs(self.push_bend) * square, WIDEST_GAUGE)
+        return replace(measured, sigma_push=np.hypot(measured.sigma_push, bent))
+
+    def _cube(self, step: float) -> float:
+        """Third power of a short step [m^3], growing less for one beyond `third_reach`."""
+        return step**3 / (1.0 + abs(step) / self.third_reach)
+
+
+def _root(covariance: Array) -> Array:
+    """(6, i) root of a covariance, without its null space."""
+    values, vectors = np.linalg.eigh(covariance)
+    keep = values > 1e-18
+    return np.ascontiguousarray(vectors[:, keep] * np.sqrt(values[keep]))

@@ -1,0 +1,104 @@
+"""What /diagnostics says of the live estimator: a level, a sentence, and every figure."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+from shell_deform.live.background.worker_link import WorkerLink
+from shell_deform.live.tick.estimator import Estimator, Served
+from shell_deform.live.tick.health import Figures, resident
+from shell_deform.live.tick.modulus import ModulusEstimate
+from shell_deform.live.tick.states import LiveState
+
+CONTRADICTION_LIMIT = 3.0
+
+
+@dataclass(frozen=True)
+class Condition:
+    """The estimator and what surrounds it, at one moment.
+
+    Attributes:
+        state: as published. period: of the samples, on the steady clock [s], 0 before it is known.
+        estimator, served: None before the shell is built, before the first answer.
+        modulus: None while it is not learned. failure: why the shell cannot be built, or ''.
+        unusable: why the last refused sample was refused, or ''.
+    """
+
+    state: LiveState
+    period: float
+    figures: Figures
+    link: WorkerLink
+    estimator: Estimator | None
+    served: Served | None
+    modulus: ModulusEstimate | None
+    failure: str
+    unusable: str
+
+
+def judge(condition: Condition) -> tuple[str, str]:
+    """Level (ok, warn, error, stale) and one sentence."""
+    served, estimator = condition.served, condition.estimator
+    adopted = estimator.adopted if estimator is not None else None
+    if condition.failure:
+        return 'error', condition.failure
+    if condition.state is LiveState.FAULT:
+        return 'error', condition.unusable or 'a finger reports a fault'
+    if condition.state is LiveState.STALE:
+        return 'stale', 'no fresh contacts'
+    if estimator is None:
+        return 'warn', 'the background process is building the shell'
+    if not condition.link.worker.alive:
+        return 'warn', 'the background process ended and is started again'
+    if served is not None and served.contradiction > CONTRADICTION_LIMIT:
+        return 'warn', f'force and motion contradict: {served.suspect}'
+    if adopted is not None and adopted.share < 1.0:
+        return 'warn', f'the last load case is not carried: {adopted.message}'
+    if condition.state is LiveState.SATURATED:
+        return 'warn', 'a gauge is saturated'
+    return 'ok', condition.state.value
+
+
+def values(condition: Condition, now: float) -> dict[str, object]:
+    """Every figure by its name with its unit; `now` is steady [s], once a second or so."""
+    figures, link = condition.figures, condition.link
+    result: dict[str, object] = {
+        'state': condition.state.value,
+        'samples': figures.stamps.samples,
+        'lost': figures.stamps.lost,
+        'refused': figures.refused,
+        'late': figures.stamps.late,
+        'jumps of time': figures.stamps.jumps,
+        'input rate [Hz]': 1.0 / condition.period if condition.period else 0.0,
+        'tick median [ms]': 1e3 * figures.ticks.percentile(50),
+        'tick p99 [ms]': 1e3 * figures.ticks.percentile(99),
+        'contacts in to surface out median [ms]': 1e3 * figures.answers.percentile(50),
+        'contacts in to surface out p99 [ms]': 1e3 * figures.answers.percentile(99),
+        'start to first surface [s]': figures.first_surface,
+        'background restarts': link.restarts,
+        'background alive': link.worker.alive,
+        'background refreshes': figures.refreshes,
+        'background refresh rate [Hz]': figures.refresh_rate(now),
+        'memory of node and background [MB]': 1e-6
+        * (resident(os.getpid()) + resident(link.worker.process.pid)),
+    }
+    served, estimator = condition.served, condition.estimator
+    if estimator is not None and estimator.adopted is not None:
+        adopted = estimator.adopted
+        result['load cases overtaken'] = int(adopted.slot.record['dropped'])
+        result['background solve [ms]'] = 1e3 * float(adopted.slot.record['seconds'])
+        result['load carried'] = adopted.share
+        result['stable'] = adopted.stable
+        result['object pose'] = ' '.join(f'{v:.5g}' for v in adopted.pose.numbers)
+        result['background says'] = adopted.message
+    if served is not None:
+        result['nonlinear age [s]'] = served.nonlinear_age
+        result['error of the linear step [mm]'] = 1e3 * served.extrapolation
+        result['contradiction'] = served.contradiction
+        result['suspect'] = served.suspect
+        result['unbalanced force [N]'] = estimator.unbalance if estimator is not None else 0.0
+        result['snap margin'] = served.snap_margin
+    if condition.modulus is not None:
+        result["Young's modulus [Pa]"] = condition.modulus.value
+        result["Young's modulus, sigma [Pa]"] = condition.modulus.sigma
+    return result

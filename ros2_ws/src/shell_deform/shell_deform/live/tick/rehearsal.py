@@ -1,0 +1,62 @@
+"""The live estimator without processes: tick and solver take turns, as the caller says."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shell_deform.live.background.load_case import load_of
+from shell_deform.live.background.solving import LiveSolver
+from shell_deform.live.background.worker import share
+from shell_deform.live.exchange import REQUEST
+from shell_deform.live.pose import IDENTITY
+from shell_deform.live.tick.estimator import Estimator, Served, Settings
+from shell_deform.live.tick.sample import ContactSample
+from shell_deform.model import ShellModel
+
+
+class Rehearsal:
+    """Solver, shared memory and estimator of one model, the object where the contacts are."""
+
+    def __init__(self, model: ShellModel, settings: Settings | None = None) -> None:
+        self.solver = LiveSolver(model)
+        self.solver.warm_up()
+        self.memory, _ = share(self.solver)
+        self.estimator = Estimator(
+            self.memory.rest, self.memory.rest_normals, settings or Settings()
+        )
+        self.estimator.pose = IDENTITY
+        self._request = np.zeros(1, REQUEST)
+        self._sequence = 0
+
+    def tick(self, sample: ContactSample) -> Served:
+        """Serve one sample from what is known, and leave its load case for the solver."""
+        served = self.estimator.tick(sample)
+        self._request = np.zeros(1, REQUEST)
+        self.estimator.fill_request(self._request[0])
+        return served
+
+    def refresh(self) -> None:
+        """Let the solver answer the last tick, and adopt its result."""
+        self.solve()
+        self.adopt()
+
+    def solve(self) -> None:
+        """Let the solver answer the last tick."""
+        self._sequence += 1
+        self.memory.write_request(self._request, self._sequence)
+        self.solver.take(load_of(self._request[0]))
+        self.solver.refine()
+        index = self.memory.free_slot()
+        self.solver.fill(self.memory.slots[index])
+        self.memory.publish(index, self._sequence)
+
+    def adopt(self) -> None:
+        """Let the ticks to come start from the solver's last answer."""
+        self.estimator.adopt(self.memory.take())
+
+    def settle(self, sample: ContactSample, rounds: int = 3) -> Served:
+        """Tick and refresh in turn, so that both agree."""
+        for _ in range(rounds):
+            self.tick(sample)
+            self.refresh()
+        return self.tick(sample)

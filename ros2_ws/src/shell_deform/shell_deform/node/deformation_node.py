@@ -1,0 +1,363 @@
+"""The `deformation` node: contacts in, deformed surface out, at every sample."""
+
+from __future__ import annotations
+
+import gc
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import rclpy
+from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
+from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import Trigger
+
+from shell_deform.live.background.worker_link import (
+    Build,
+    WorkerError,
+    WorkerLink,
+    WorkerProcess,
+    empty_request,
+)
+from shell_deform.live.pose import Pose, PoseError, pose_of
+from shell_deform.live.tick import diagnosis
+from shell_deform.live.tick.estimator import Estimator, Served
+from shell_deform.live.tick.health import Arrival, Figures, process_age
+from shell_deform.live.tick.modulus import ModulusFilter
+from shell_deform.live.tick.sample import FLAG_STALE, SampleError, check
+from shell_deform.live.tick.states import Watch
+from shell_deform.node import messages, parameters
+from shell_deform.node.topics_node import DeformationTopics
+from shell_deform.objects import load_object
+
+CONTACTS = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
+POSES = QoSProfile(depth=10)
+TEND_PERIOD_S = 0.02
+MARKER_PERIOD_S = 0.5
+POSE_CHANGE = 1e-3
+REBUILD_PARAMETERS = frozenset({'object', 'theory', 'control_vertices', 'background_niceness'})
+
+
+class DeformationNode(Node):
+    """Answers every sample of `hand/contacts` with the surface; see the package README."""
+
+    def __init__(self, ahead: WorkerProcess | None = None, **options: Any) -> None:
+        """`ahead`: a background process started before, which waits for what to build."""
+        super().__init__('deformation', **options)
+        for parameter in parameters.PARAMETERS:
+            self.declare_parameter(
+                parameter.name, parameter.default, messages.descriptor(parameter)
+            )
+        values = self._values()
+        parameters.validate(values)
+        self.add_on_set_parameters_callback(self._validate)
+        self.add_post_set_parameters_callback(self._apply)
+
+        self.link = WorkerLink(_build(values), ahead)
+        self.estimator: Estimator | None = None
+        self.modulus: ModulusFilter | None = None
+        self.watch = Watch()
+        self.figures = Figures()
+        self.served: Served | None = None
+        self.failure = ''
+        self._unusable = ''
+        self._topic_pose: Pose | None = None
+        self._frame = ''
+        self._resets = 0
+        self._somebody_publishes = True
+        self._marker_stamp = 0
+        self._request = empty_request()
+        self._reader = messages.ContactReader()
+        self._topics = DeformationTopics(self)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._silence = self.create_timer(self.watch.deadline, self._listen, clock=steady)
+        self._marker_timer = self.create_timer(MARKER_PERIOD_S, self._show_marker, clock=steady)
+        self.create_timer(TEND_PERIOD_S, self._tend, clock=steady)
+        self.create_timer(1.0, self._diagnose, clock=steady)
+        self._configure(values)
+        # Default event callbacks cost something at every wake-up; the publisher warns on its side.
+        silent = SubscriptionEventCallbacks(use_default_callbacks=False)
+        self.create_subscription(
+            PointCloud2,
+            'hand/contacts',
+            self._contacts,  # type: ignore[arg-type]  # the hints forget callbacks with info
+            CONTACTS,
+            event_callbacks=silent,
+        )
+        self.create_subscription(
+            PoseStamped, 'object_pose', self._pose_message, POSES, event_callbacks=silent
+        )
+        self.create_service(Trigger, 'deformation/reset', self._reset)
+        self._topics.state(self.watch.state)
+        # The first line of a log is slow: while the shell is built it delays nothing.
+        self.get_logger().info(f'building {values["object"]}')
+
+    # ---- parameters
+
+    def _values(self) -> dict[str, Any]:
+        return {p.name: self.get_parameter(p.name).value for p in parameters.PARAMETERS}
+
+    def _validate(self, changes: list[RosParameter]) -> SetParametersResult:
+        try:
+            parameters.validate({change.name: change.value for change in changes})
+        except parameters.ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _apply(self, changes: list[RosParameter]) -> None:
+        values = self._values()
+        self._configure(values)
+        if REBUILD_PARAMETERS & {change.name for change in changes}:
+            self.get_logger().info(f'building {values["object"]} anew')
+            self.estimator = None
+            self.served = None
+            self.failure = ''
+            self.link.rebuild(_build(values))
+
+    def _configure(self, values: dict[str, Any]) -> None:
+        self._settings = parameters.settings(values)
+        if self.estimator is not None:
+            self.estimator.settings = self._settings
+        if self.modulus is not None:
+            self.modulus.errors = self._settings.errors
+        self.watch.periods = float(values['stale_periods'])
+        self.watch.floor = float(values['stale_floor'])
+        self._parameter_pose = (
+            pose_of(list(values['object_pose'])) if values['placement'] == 'given' else None
+        )
+        self._learns = bool(values['estimate_modulus'])
+        self._given_frame = str(values['frame'])
+        self._marker_rate = float(values['marker_rate'])
+        if self._marker_rate > 0:
+            self._marker_timer.timer_period_ns = int(1e9 / self._marker_rate)
+
+    # ---- the fast loop
+
+    def _contacts(self, message: PointCloud2, info: dict[str, int]) -> None:
+        began, now = time.perf_counter(), time.monotonic()
+        figures = self.figures
+        try:
+            sample = self._reader.read(message)
+            check(sample)
+        except (messages.MessageError, SampleError) as error:
+            figures.refused += 1
+            self._unusable = str(error)
+            self.get_logger().error(str(error), throttle_duration_sec=5.0)
+            self._topics.state(self.watch.refused(now))
+            return
+        arrival = figures.stamps.arrived(sample.stamp, now)
+        if arrival is Arrival.REPEATED:
+            # A stale copy repeats the stamp of what it copies: it says how things stand, no more.
+            if sample.flags.size and (sample.flags & FLAG_STALE).any():
+                self._topics.state(self.watch.sample(sample, now))
+            return
+        if arrival is Arrival.JUMPED:
+            self.get_logger().info('time has jumped: starting from the undeformed shell')
+            self._start_anew()
+        self._frame = self._given_frame or message.header.frame_id
+        state = self.watch.sample(sample, now)
+        self._topics.state(state)
+        estimator = self.estimator
+        if estimator is None or not state.is_served:
+            return
+        slot = self.link.worker.newer_result()
+        if slot is not None:
+            estimator.adopt(slot)
+            figures.refreshed(int(slot.record['answers']))
+        estimator.pose = self._given_pose
+        served = estimator.tick(sample)
+        self._topics.cloud('surface', served.packed, served.stamp, self._frame)
+        figures.ticks.add(time.perf_counter() - began)
+        figures.answers.add(1e-9 * (time.time_ns() - info['source_timestamp']))
+        self.served = served
+        self._post(estimator)
+        self._publish_more(estimator, served, slot is not None)
+        if not figures.first_surface:
+            figures.first_surface = process_age()
+
+    def _post(self, estimator: Estimator) -> None:
+        record = self._request[0]
+        estimator.fill_request(record)
+        record['resets'] = self._resets
+        self.link.worker.post(self._request)
+
+    def _publish_more(self, estimator: Estimator, served: Served, new_result: bool) -> None:
+        topics = self._topics
+        topics.numbers(served)
+        if topics.wanted('linear'):
+            topics.cloud('linear', estimator.linear(), served.stamp, self._frame)
+        if new_result and topics.wanted('nonlinear'):
+            packed = estimator.nonlinear()
+            if packed is not None and estimator.adopted is not None:
+                topics.cloud('nonlinear', packed, estimator.adopted.stamp, self._frame)
+        if self._learns and self.modulus is not None:
+            self._learn(estimator, self.modulus)
+
+    def _learn(self, estimator: Estimator, modulus: ModulusFilter) -> None:
+        """Young's modulus from this sample, published when the sample said something."""
+        adopted, posterior, measured = estimator.adopted, estimator.posterior, estimator.measured
+        if adopted is None or posterior is None or measured is None:
+            modulus.release()
+        elif modulus.update(adopted.response, posterior.inputs, measured):
+            self._topics.modulus(modulus.estimate)
+
+    @property
+    def _given_pose(self) -> Pose | None:
+        """The pose from the topic, else the parameter; None if it is to be inferred."""
+        return self._topic_pose or self._parameter_pose
+
+    def _pose_message(self, message: PoseStamped) -> None:
+        try:
+            self._topic_pose = messages.read_pose(message)
+        except PoseError as error:
+            self.get_logger().error(f'object_pose: {error}', throttle_duration_sec=5.0)
+
+    def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._start_anew()
+        response.success = True
+        response.message = 'the next sample starts from the undeformed shell'
+        return response
+
+    def _start_anew(self) -> None:
+        """Forget contacts and equilibria, here and in the background."""
+        self._resets += 1
+        self.link.worker.disown()
+        self.served = None
+        if self.estimator is not None:
+            self.estimator.forget()
+
+    # ---- slow things
+
+    def _look(self) -> None:
+        self._topics.state(self.watch.look(time.monotonic(), self._somebody_publishes))
+
+    def _listen(self) -> None:
+        """Look when the newest sample's time is up; resetting the timer at each would wake us."""
+        self._look()
+        self._silence.timer_period_ns = int(1e9 * self.watch.remaining(time.monotonic()))
+        self._silence.reset()
+
+    def _tend(self) -> None:
+        self._look()
+        try:
+            ready = self.link.tend(time.monotonic())
+        except WorkerError as error:
+            if str(error) != self.failure:
+                self.failure = str(error)
+                self.get_logger().error(self.failure)
+            return
+        if ready:
+            self._take_over()
+
+    def _take_over(self) -> None:
+        """A background process has built the shell: serve it from now on."""
+        memory = self.link.worker.memory
+        assert memory is not None
+        previous = self.estimator
+        self.estimator = Estimator(memory.rest, memory.rest_normals, self._settings)
+        self.estimator.pose = self._given_pose
+        if previous is not None and previous.rest.shape == memory.rest.shape:
+            # The same shell again after a restart: its last good state is still the best known.
+            self.estimator.adopted = previous.adopted
+            return
+        name = self.get_parameter('object').value
+        self.modulus = ModulusFilter(load_object(name).young_modulus_pa, self._settings.errors)
+        self._topics.resize(len(memory.rest))
+        self._publish_mesh()
+        # What is there now stays: the collector need not walk through it beside the fast loop.
+        gc.collect()
+        gc.freeze()
+        self.get_logger().info(f'{name}: {len(memory.rest)} vertices, serving')
+
+    def _publish_mesh(self) -> None:
+        memory = self.link.worker.memory
+        if memory is not None and self.estimator is not None:
+            pose = self.estimator.pose_in_use
+            self._mesh_pose = pose.numbers
+            self._topics.mesh(memory.triangles, pose.from_object(memory.rest))
+
+    def _show_marker(self) -> None:
+        served, memory = self.served, self.link.worker.memory
+        if served is None or memory is None or not self._marker_rate:
+            return
+        if served.stamp != self._marker_stamp and len(served.packed) == len(memory.rest):
+            self._marker_stamp = served.stamp
+            self._topics.marker(memory.triangles, served.packed, served.stamp, self._frame)
+
+    def _diagnose(self) -> None:
+        self._somebody_publishes = self.count_publishers('hand/contacts') > 0
+        if self.estimator is not None:
+            moved = self.estimator.pose_in_use.numbers - self._mesh_pose
+            if abs(moved).max() > POSE_CHANGE:
+                self._publish_mesh()
+        learned = self.modulus.estimate if self._learns and self.modulus is not None else None
+        condition = diagnosis.Condition(
+            self.watch.state, self.watch.period, self.figures, self.link, self.estimator,
+            self.served, learned, self.failure, self._unusable,
+        )  # fmt: skip
+        chosen = {name: self.get_parameter(name).value for name in ('object', 'drive')}
+        values = {**chosen, **diagnosis.values(condition, time.monotonic())}
+        self._topics.diagnostics(*diagnosis.judge(condition), values)
+
+    def close(self) -> None:
+        """End the background process."""
+        self.link.stop()
+
+
+def _build(values: dict[str, Any]) -> Build:
+    return Build(
+        str(values['object']),
+        str(values['theory']),
+        int(values['control_vertices']),
+        int(values['background_niceness']),
+    )
+
+
+def run(arguments: Sequence[str], ahead: WorkerProcess | None = None) -> int:
+    """Spin the node until it is told to stop; returns the exit code. `ahead`: see the node."""
+    given = remove_ros_args(list(arguments))
+    if given:
+        print(f'deformation: unknown argument {given[0]!r}; see --help', file=sys.stderr)
+        return 2
+    # rclpy ends its context at this signal. Python's KeyboardInterrupt would break into whatever
+    # runs just then, and in the middle of a call into C++ come out as an error of that call.
+    signal.signal(signal.SIGINT, lambda *_: None)
+    rclpy.init(args=list(arguments))
+    executor = SingleThreadedExecutor()
+    node: DeformationNode | None = None
+    code = 0
+    try:
+        node = DeformationNode(ahead)
+        executor.add_node(node)
+        executor.spin()
+    except (
+        parameters.ParameterError,
+        InvalidParameterTypeException,
+        InvalidParameterValueException,
+    ) as error:
+        print(f'deformation: {error}', file=sys.stderr)
+        code = 1
+    except ExternalShutdownException:
+        pass
+    except Exception:
+        # Whatever is made, sent or waited for after the signal complains.
+        if rclpy.ok():
+            raise
+    finally:
+        executor.shutdown()
+        if node is not None:
+            node.close()
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return code

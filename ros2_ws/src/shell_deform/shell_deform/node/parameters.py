@@ -1,0 +1,163 @@
+"""Every parameter of the `deformation` node: name, default, range, and what it means."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from shell_deform.live.pose import PoseError, pose_of
+from shell_deform.live.tick.estimator import Settings
+from shell_deform.live.tick.fusion import DRIVES, ErrorModel
+from shell_deform.objects import ObjectError, load_object
+from shell_deform.theory import THEORIES
+
+Value = bool | int | float | str | list[float]
+
+
+class ParameterError(ValueError):
+    """A parameter value that cannot be used; the message names it and what is allowed."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One declared parameter; `fixed` ones are read at start only."""
+
+    name: str
+    default: Value
+    description: str
+    lowest: float | None = None
+    highest: float | None = None
+    choices: tuple[str, ...] = ()
+    fixed: bool = False
+
+
+NONLINEAR = tuple(sorted(name for name, theory in THEORIES.items() if not theory.is_linear))
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter('object', 'tennis_ball', 'name of a shipped object, or an object file'),
+    Parameter('theory', 'koiter', 'strain measure of the nonlinear answer', choices=NONLINEAR),
+    Parameter('control_vertices', 0, "control vertices; 0: the object file's own", 0, 20000),
+    Parameter(
+        'background_niceness',
+        10,
+        'niceness of the background process; above 0 it works in the idle class where it can',
+        0,
+        19,
+    ),
+    Parameter(
+        'object_pose',
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0],
+        'object in the frame of the contacts: x y z (m) qx qy qz qw; the topic object_pose wins',
+    ),
+    Parameter(
+        'placement',
+        'given',
+        'given: pose from topic or parameter; first_touch: fitted to the contacts',
+        choices=('given', 'first_touch'),
+    ),
+    Parameter(
+        'drive',
+        'fused',
+        'what drives the surface: force, motion (travel of the contacts), or both by their sigmas',
+        choices=DRIVES,
+    ),
+    Parameter('pin_radius', 0.002, 'radius of contacts that come without one (m)', 1e-4, 0.05),
+    Parameter('gauge_drift', 0.1, 'sigma of the zero drift of a force (N)', 0.0, 10.0),
+    Parameter('gauge_quantum', 0.0, 'one count of the gauge (N), if sigma_n leaves it out', 0, 10),
+    Parameter('tendon_compliance', 0.0, 'stretch of the tendons at the contact (m/N)', 0.0, 0.01),
+    Parameter('tendon_sigma', 0.3, 'relative sigma of tendon_compliance (-)', 0.0, 2.0),
+    Parameter('mounting_sigma', 5e-5, 'pin mounting and moment of touch, sigma (m)', 0.0, 0.01),
+    Parameter('slip_sigma', 1e-4, 'lateral slip of a held contact, sigma (m)', 1e-7, 0.01),
+    Parameter('travel_sigma', 2e-5, 'sigma of travel that comes without one (m)', 1e-7, 0.01),
+    Parameter('object_shift_sigma', 5e-3, 'shift of the object in the hand, sigma (m)', 1e-6, 0.1),
+    Parameter('outside_force_sigma', 0.3, 'forces beside the fingers, weight (N)', 1e-3, 100.0),
+    Parameter('modulus_sigma', 0.05, "relative sigma of Young's modulus (-)", 0.0, 1.0),
+    Parameter('model_sigma', 0.03, 'relative stiffness bias of shell theory (-)', 0.0, 1.0),
+    Parameter(
+        'estimate_modulus',
+        True,
+        "learn Young's modulus from force and travel of a squeeze: deformation/modulus (Pa) and "
+        'deformation/modulus_sigma (Pa); the served surface keeps the modulus of the object file',
+    ),
+    Parameter('stale_periods', 3.0, 'silence that is STALE (sample periods)', 1.0, 100.0),
+    Parameter('stale_floor', 0.02, 'but no shorter than this (s)', 0.0, 10.0),
+    Parameter('marker_rate', 2.0, 'highest rate of deformation/marker (Hz), 0: never', 0.0, 10.0),
+    Parameter('frame', '', 'frame of the answers; empty: that of the contacts'),
+)
+
+
+def validate(values: Mapping[str, Any]) -> None:
+    """Raise ParameterError unless every value, by name, can be used."""
+    by_name = {parameter.name: parameter for parameter in PARAMETERS}
+    for name, value in values.items():
+        parameter = by_name.get(name)
+        if parameter is not None:
+            _check(parameter, value)
+    if 'object' in values:
+        try:
+            load_object(values['object'])
+        except (ObjectError, OSError) as error:
+            raise ParameterError(f'object: {error}') from error
+    if 'object_pose' in values:
+        try:
+            pose_of(list(values['object_pose']))
+        except PoseError as error:
+            raise ParameterError(f'object_pose: {error}') from error
+
+
+def _check(parameter: Parameter, value: Any) -> None:
+    if parameter.choices and value not in parameter.choices:
+        raise ParameterError(
+            f'{parameter.name} is {value!r}; choose one of {", ".join(parameter.choices)}'
+        )
+    low, high = parameter.lowest, parameter.highest
+    if low is not None and high is not None and not low <= value <= high:
+        raise ParameterError(
+            f'{parameter.name} is {value}; it must lie between {low:g} and {high:g}: '
+            f'{parameter.description}'
+        )
+
+
+def settings(values: Mapping[str, Any]) -> Settings:
+    """Settings of the tick from parameter values."""
+    return Settings(
+        errors=ErrorModel(
+            drive=str(values['drive']),
+            drift=float(values['gauge_drift']),
+            quantum=float(values['gauge_quantum']),
+            tendon=float(values['tendon_compliance']),
+            tendon_relative=float(values['tendon_sigma']),
+            mounting=float(values['mounting_sigma']),
+            slip=float(values['slip_sigma']),
+            rigid=float(values['object_shift_sigma']),
+            outside=float(values['outside_force_sigma']),
+            modulus=float(values['modulus_sigma']),
+            model=float(values['model_sigma']),
+            default_travel=float(values['travel_sigma']),
+        ),
+        default_radius=float(values['pin_radius']),
+    )
+
+
+def usage() -> str:
+    """What `deformation --help` prints: every parameter with its unit, range and default."""
+    lines = [
+        'usage: deformation [-h] [--ros-args -p NAME:=VALUE ...]',
+        '',
+        'The deformed surface for every sample of hand/contacts. SI units.',
+        '',
+        'parameters:',
+    ]
+    for parameter in PARAMETERS:
+        lines.append(f'  {parameter.name} (default {parameter.default!r})')
+        lines.append(f'      {parameter.description}{_limits(parameter)}')
+    return '\n'.join(lines)
+
+
+def _limits(parameter: Parameter) -> str:
+    if parameter.choices:
+        return f' (one of {", ".join(map(str, parameter.choices))})'
+    if parameter.lowest is not None and parameter.highest is not None:
+        return f' ({parameter.lowest:g} to {parameter.highest:g})'
+    return ''

@@ -1,0 +1,118 @@
+"""The publishers of the deformation node."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh
+from std_msgs.msg import Float64, String
+from visualization_msgs.msg import Marker
+
+from shell_deform.live.tick.estimator import Served
+from shell_deform.live.tick.modulus import ModulusEstimate
+from shell_deform.live.tick.serve_kernel import FIELDS, NONLINEAR_FIELDS
+from shell_deform.live.tick.states import LiveState
+from shell_deform.node import messages
+
+# Answers a slow listener may fall behind before one is overwritten.
+STREAM = QoSProfile(depth=100)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+CLOUDS = {'surface': FIELDS, 'linear': FIELDS, 'nonlinear': NONLINEAR_FIELDS}
+SCALARS = (
+    'max_displacement',
+    'linearity',
+    'strain_energy',
+    'nonlinear_age',
+    'snap_margin',
+    'contradiction',
+)
+
+
+class DeformationTopics:
+    """Publishes answers; what costs something only while somebody listens."""
+
+    def __init__(self, node: Node) -> None:
+        """Make the publishers on `node`."""
+        self._node = node
+        self._writers: dict[str, messages.SurfaceWriter] = {}
+        self._state_shown: LiveState | None = None
+        self._clouds = {name: self._make(PointCloud2, name) for name in CLOUDS}
+        self._scalars = {name: self._make(Float64, name) for name in SCALARS}
+        self._modulus = self._make(Float64, 'modulus')
+        self._modulus_sigma = self._make(Float64, 'modulus_sigma')
+        self._mesh = self._make(Mesh, 'mesh', LATCHED)
+        self._marker = self._make(Marker, 'marker', LATCHED)
+        self._state = self._make(String, 'state', LATCHED)
+        self._diagnostics = self._make(messages.DiagnosticArray, '/diagnostics')
+
+    def _make(self, kind: type, name: str, qos: QoSProfile = STREAM) -> Any:
+        topic = name if name.startswith('/') else f'deformation/{name}'
+        # The default event callbacks of sixteen publishers, each an entity to wait for, would
+        # cost more at every wake-up than the tick. An incompatible listener warns on its side.
+        silent = PublisherEventCallbacks(use_default_callbacks=False)
+        return self._node.create_publisher(kind, topic, qos, event_callbacks=silent)
+
+    def resize(self, vertices: int) -> None:
+        """Answers of a shell of so many vertices come from now on."""
+        self._writers = {
+            name: messages.SurfaceWriter(vertices, fields) for name, fields in CLOUDS.items()
+        }
+
+    def wanted(self, name: str) -> bool:
+        """Whether somebody listens to the cloud `name`."""
+        return bool(self._clouds[name].get_subscription_count())
+
+    def cloud(self, name: str, packed: NDArray[np.float32], stamp: int, frame: str) -> None:
+        """One packed surface on the cloud `name`."""
+        self._clouds[name].publish(self._writers[name].message(packed, stamp, frame))
+
+    def numbers(self, served: Served) -> None:
+        """The numbers of one answer."""
+        for name, publisher in self._scalars.items():
+            if publisher.get_subscription_count():
+                publisher.publish(messages.number(getattr(served, name)))
+
+    def modulus(self, found: ModulusEstimate) -> None:
+        """The learned modulus."""
+        self._modulus.publish(messages.number(found.value))
+        self._modulus_sigma.publish(messages.number(found.sigma))
+
+    def mesh(self, triangles: NDArray[np.int32], points: NDArray[np.float64]) -> None:
+        """Topology and rest positions, in the same frame as the surface."""
+        self._mesh.publish(messages.mesh_message(triangles, points))
+
+    def marker(
+        self,
+        triangles: NDArray[np.int32],
+        packed: NDArray[np.float32],
+        stamp: int,
+        frame: str,
+    ) -> None:
+        """Coloured triangles, while somebody looks at them."""
+        if self._marker.get_subscription_count():
+            self._marker.publish(messages.marker_message(triangles, packed, stamp, frame))
+
+    def state(self, state: LiveState) -> None:
+        """The state, when it has changed."""
+        if state is not self._state_shown:
+            self._state_shown = state
+            self._state.publish(messages.text(state.value))
+
+    def diagnostics(self, level: str, summary: str, values: Mapping[str, object]) -> None:
+        """What /diagnostics says."""
+        self._diagnostics.publish(
+            messages.diagnostics(
+                self._node.get_clock().now().nanoseconds,
+                f'{self._node.get_fully_qualified_name()[1:]}: surface',
+                level,
+                summary,
+                values,
+            )
+        )

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from grasp_replay.errors import BagError
-from grasp_replay.ros_types import Decoder
+from grasp_replay.mcap_blocks import Damage
+from grasp_replay.packed import is_packed, unpacked
+from grasp_replay.ros_types import Decoder, TypeRecord, same_type
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,13 @@ class Topic:
     definition: str
     definition_encoding: str
 
+    @property
+    def type_record(self) -> TypeRecord:
+        """What the recording says of the topic's type."""
+        return TypeRecord(
+            self.type_name, self.type_hash, self.definition, self.definition_encoding
+        )
+
 
 class Message(NamedTuple):
     """A stored message: topic name, bytes as on the wire, and times in ns."""
@@ -44,7 +53,8 @@ class Bag(ABC):
     """An open bag; use as a context manager.
 
     `topics` by name; `start` and `end` are the first and last log time (ns; both 0 when the bag
-    is empty); `notes` are sentences about what is unusual but harmless.
+    is empty); `notes` are sentences about what is unusual but harmless; `packed` says that every
+    message was compressed by rosbag2, and those of CDR topics show it themselves.
     """
 
     def __init__(self, path: Path) -> None:
@@ -54,6 +64,7 @@ class Bag(ABC):
         self.end = 0
         self.notes: list[str] = []
         self.storage = 'mcap'
+        self.packed = False
         self.files: list[Path] = []
         self._decoder = Decoder()
 
@@ -67,7 +78,6 @@ class Bag(ABC):
         """Seconds from the first to the last message."""
         return (self.end - self.start) * 1e-9
 
-    @abstractmethod
     def messages(
         self,
         topics: Collection[str] | None = None,
@@ -76,9 +86,27 @@ class Bag(ABC):
     ) -> Iterator[Message]:
         """Messages of `topics` (all when None) with start <= log time < stop (ns), in time order.
 
-        Messages of equal time keep their order in the file. Raises BagError where the bag is
-        damaged.
+        Messages of equal time keep their order in the file; those that rosbag2 compressed one by
+        one are unpacked. Raises BagError where the bag is damaged.
         """
+        for message in self._stored(topics, start, stop):
+            shows = is_packed(message.data) and self.topics[message.topic].encoding == 'cdr'
+            yield self._unpacked(message) if shows or self.packed else message
+
+    @abstractmethod
+    def _stored(
+        self, topics: Collection[str] | None, start: int | None, stop: int | None
+    ) -> Iterator[Message]:
+        """Messages as `messages` gives them, with the bytes that are in the file."""
+
+    def _unpacked(self, message: Message) -> Message:
+        note = 'its messages are compressed one by one; they are unpacked as they are read'
+        if note not in self.notes:
+            self.notes.append(note)
+        try:
+            return message._replace(data=unpacked(message.data))
+        except Damage as damage:
+            raise BagError(f'{self.path}: topic {message.topic}: {damage}') from damage
 
     def decode(self, message: Message) -> Any:
         """The message as an object with the fields of its type; raises BagError."""
@@ -114,6 +142,11 @@ class Bag(ABC):
             raise BagError(
                 f'{self.path}: topic {topic.name} holds both {known.type_name} and '
                 f'{topic.type_name}; record them under two names'
+            )
+        if not same_type(known.type_record, topic.type_record):
+            raise BagError(
+                f'{self.path}: topic {topic.name} holds {topic.type_name} by two definitions that '
+                'differ, as two versions of its package write; record them under two names'
             )
         self.topics[topic.name] = replace(known, count=known.count + topic.count)
 

@@ -6,7 +6,7 @@ ROS 1 bags are named and refused.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +15,36 @@ import yaml
 from grasp_replay.bag import Bag, Message, Topic
 from grasp_replay.errors import BagError
 from grasp_replay.mcap_bag import McapBag
-from grasp_replay.mcap_blocks import zstd
 from grasp_replay.sqlite_bag import SqliteBag
 
-__all__ = ['Bag', 'BagError', 'Message', 'Topic', 'bag_files', 'open_bag', 'read_metadata']
+__all__ = [
+    'Bag',
+    'BagError',
+    'Message',
+    'Topic',
+    'bag_files',
+    'open_bag',
+    'read_metadata',
+    'storage_kind',
+]
 
 ROS1_MAGIC = b'#ROSBAG V2.0'
 SQLITE_MAGIC = b'SQLite format 3\x00'
 MCAP_MAGIC = b'\x89MCAP'
+_OTHERS = {
+    b'\x28\xb5\x2f\xfd': 'a bag compressed as a whole file; unpack it first: `zstd -d {name}`',
+    b'\x04\x22\x4d\x18': 'a file compressed by lz4; unpack it first: `lz4 -d {name}`',
+    b'\x1f\x8b': 'a file compressed by gzip; unpack it first: `gunzip {name}`',
+    b'PK\x03\x04': 'a zip archive; unpack it first: `unzip {name}`',
+    b'BZh': 'a file compressed by bzip2; unpack it first: `bunzip2 {name}`',
+    b'\xfd7zXZ': 'a file compressed by xz; unpack it first: `unxz {name}`',
+    b'version https://git-lfs': 'a pointer of Git LFS and not the bag; fetch it: `git lfs pull`',
+    b'<!doctype html': 'a web page and not a bag; download the file itself',
+    b'<html': 'a web page and not a bag; download the file itself',
+}
+"""What is met in place of a bag, by the bytes it begins with, and the way out."""
+
+_PACKED_NAME = re.compile(r'\.(mcap|db3)\.\w+$')
 
 
 def open_bag(path: str | Path) -> Bag:
@@ -30,19 +52,16 @@ def open_bag(path: str | Path) -> Bag:
     path = Path(path)
     metadata, notes = read_metadata(path)
     files = bag_files(path, metadata)
-    kinds = {file: _kind(file) for file in files}
-    for file, kind in kinds.items():
-        if kind == 'ros1':
-            raise BagError(
-                f'{file} is a ROS 1 bag; convert it first: '
-                f'rosbags-convert --src {file.name} --dst {file.stem}'
-            )
+    listed = metadata.get('relative_file_paths')
+    if isinstance(listed, list) and len(listed) > len(files):
+        notes.append('metadata.yaml lists a file twice; it is read once')
     mode = str(metadata.get('compression_mode') or 'none').lower()
     if mode == 'file':
         raise BagError(
             f'{path} was compressed file by file; unpack its files first (`zstd -d`) and correct '
             'relative_file_paths and compression_mode in metadata.yaml'
         )
+    kinds = {file: storage_kind(file) for file in files}
     if set(kinds.values()) == {'sqlite3'}:
         bag: Bag = SqliteBag(path, files)
     else:
@@ -50,8 +69,7 @@ def open_bag(path: str | Path) -> Bag:
             if kind != 'mcap':
                 raise BagError(f'{file} is no bag that can be read: it is not MCAP')
         bag = McapBag(path, files)
-    if mode == 'message':
-        bag = _MessageCompressedBag(bag)
+    bag.packed = mode == 'message'
     bag.notes = notes + bag.notes
     declared = metadata.get('message_count')
     if isinstance(declared, int) and declared != bag.message_count:
@@ -87,63 +105,60 @@ def bag_files(path: Path, metadata: dict[str, Any]) -> list[Path]:
         return [path]
     names = metadata.get('relative_file_paths')
     if isinstance(names, list) and names and all(isinstance(name, str) for name in names):
-        # Old versions of rosbag2 wrote the directory in front of the name.
-        files = [path / Path(name).name for name in names]
+        files = [_named_file(path, name) for name in names]
         missing = [file.name for file in files if not file.is_file()]
         if missing:
             raise BagError(
                 f'{path} lacks {", ".join(missing)}, which its metadata.yaml names; copy it back, '
                 'or delete metadata.yaml to read the files that are there'
             )
-        return files
+        # A file that is listed twice would give each of its messages twice.
+        return list({file.resolve(): file for file in reversed(files)}.values())[::-1]
     files = sorted(
-        file for file in path.iterdir() if file.suffix in ('.mcap', '.db3') and file.is_file()
+        (file for file in path.iterdir() if file.suffix in ('.mcap', '.db3') and file.is_file()),
+        key=_by_number,
     )
     if not files:
+        for file in sorted(path.iterdir()):
+            if file.is_file() and _PACKED_NAME.search(file.name):
+                storage_kind(file)
         raise BagError(f'{path} holds no .mcap and no .db3 file: it is no bag')
     return files
 
 
-def _kind(file: Path) -> str:
+def _named_file(folder: Path, name: str) -> Path:
+    """The file that metadata.yaml means: beside it, or in a folder beside it.
+
+    Old versions of rosbag2 wrote the directory of the bag in front of the name.
+    """
+    named = folder / name
+    inside = named.is_file() and named.resolve().is_relative_to(folder.resolve())
+    return named if inside else folder / Path(name).name
+
+
+def _by_number(file: Path) -> list[tuple[int, str]]:
+    """Sorts `bag_10` after `bag_2`."""
+    parts = re.split(r'(\d+)', file.name)
+    return [(int(part), '') if part.isdigit() else (-1, part) for part in parts]
+
+
+def storage_kind(file: Path) -> str:
+    """'mcap', 'sqlite3' or 'unknown'; raises BagError for what is known to be something else."""
     try:
         with file.open('rb') as stream:
-            head = stream.read(16)
+            head = stream.read(512)
     except OSError as error:
         raise BagError(f'{file} cannot be read: {error.strerror}') from error
     if head.startswith(ROS1_MAGIC):
-        return 'ros1'
+        raise BagError(
+            f'{file} is a ROS 1 bag; convert it first: '
+            f'rosbags-convert --src {file.name} --dst {file.stem}'
+        )
+    for magic, what in _OTHERS.items():
+        if head.lstrip()[: len(magic)].lower() == magic.lower():
+            raise BagError(f'{file} is {what.format(name=file.name)}')
     if head.startswith(SQLITE_MAGIC):
         return 'sqlite3'
     if head.startswith(MCAP_MAGIC):
         return 'mcap'
     return 'mcap' if file.suffix == '.mcap' else 'unknown'
-
-
-class _MessageCompressedBag(Bag):
-    """A bag whose every message rosbag2 compressed with zstd, around the bag that stores them."""
-
-    def __init__(self, stored: Bag) -> None:
-        super().__init__(stored.path)
-        self._stored = stored
-        self.topics, self.start, self.end = stored.topics, stored.start, stored.end
-        self.storage, self.files = stored.storage, stored.files
-
-    def messages(
-        self,
-        topics: Collection[str] | None = None,
-        start: int | None = None,
-        stop: int | None = None,
-    ) -> Iterator[Message]:
-        """As `Bag.messages`."""
-        for message in self._stored.messages(topics, start, stop):
-            try:
-                data = zstd.decompress(message.data)
-            except zstd.ZstdError as error:
-                raise BagError(
-                    f'{self.path}: a message on {message.topic} does not decompress ({error})'
-                ) from error
-            yield message._replace(data=data)
-
-    def close(self) -> None:
-        """Close the files."""
-        self._stored.close()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +10,14 @@ from grasp_replay.bag_writer import BagWriter
 from grasp_replay.errors import BagError
 from grasp_replay.mcap_blocks import Channel, Damage, Definitions, block_messages, load_block
 from grasp_replay.mcap_scan import Scan, scan_file
+from grasp_replay.packed import is_packed, unpacked
+
+LARGEST_ATTACHMENT = 2**28
+"""An attachment of more bytes is not copied: the library that writes it needs it in memory."""
+
+PROGRESS_STEP = 1000
+OWN_RECORD = 'rosbag2'
+"""The metadata record that a recorder writes about its own file; a new bag gets one of its own."""
 
 
 @dataclass(frozen=True)
@@ -31,10 +39,10 @@ class LostSpan:
         """What was lost, with times in seconds after `origin` (ns)."""
         left = 'the beginning' if self.after is None else f'{(self.after - origin) * 1e-9:.3f} s'
         right = 'the end' if self.before is None else f'{(self.before - origin) * 1e-9:.3f} s'
-        return (
-            f'{self.file}, bytes {self.start} to {self.end}, between {left} and {right}: '
-            f'{self.reason}'
-        )
+        where = f'bytes {self.start} to {self.end}'
+        if self.start == self.end:
+            where = f'byte {self.start}'
+        return f'{self.file}, {where}, between {left} and {right}: {self.reason}'
 
 
 @dataclass(frozen=True)
@@ -121,43 +129,93 @@ def _lost_spans(file: Path, scan: Scan) -> list[LostSpan]:
     return spans
 
 
+@dataclass(frozen=True)
+class Recovered:
+    """How much was written into a new bag; `left` says what was not, and why."""
+
+    messages: int
+    attachments: int
+    metadata: int
+    left: tuple[str, ...]
+
+
 def recover(
     examination: Examination,
     directory: Path,
     progress: Callable[[float, str], None] | None = None,
-) -> int:
-    """Write every message of a sound block into the new bag `directory`; returns how many.
+) -> Recovered:
+    """Write every message of a sound block into the new bag `directory`, and what stands beside.
 
-    Topics, QoS, times and sequence numbers stay as they were. Messages whose topic is not
-    defined anywhere are left out (`Examination.nameless`). The new bag is read back and held
-    against what was found; raises BagError.
+    Topics, QoS, times and sequence numbers stay as they were; messages that were compressed one
+    by one are unpacked. Messages whose topic is not defined anywhere are left out
+    (`Examination.nameless`). The new bag is read back and held against what was found; raises
+    BagError.
     """
-    written = 0
+    written = attachments = records = 0
+    left: list[str] = []
     with BagWriter(directory, custom_data={'recovered_from': _origin(examination)}) as writer:
         topics: dict[tuple[str, str, bytes, str], int] = {}
         for file, scan in zip(examination.files, examination.scans, strict=True):
-            numbers = {
-                channel.id: _topic_number(writer, topics, channel, scan.definitions)
-                for channel in scan.definitions.channels.values()
-            }
-            with file.open('rb') as stream:
-                for checked in scan.blocks:
-                    try:
-                        messages = block_messages(load_block(stream, checked.block), None)
-                    except Damage as damage:
-                        raise BagError(f'{file} changed while it was read: {damage}') from damage
-                    for channel_id, sequence, log_time, publish_time, data in messages:
-                        if channel_id in numbers:
-                            writer.write(
-                                numbers[channel_id], bytes(data), log_time, publish_time, sequence
-                            )
-                            written += 1
-                    if progress is not None:
-                        progress(written, directory.name)
+            for message in _sound_messages(file, scan, writer, topics):
+                writer.write(*message)
+                written += 1
+                if progress is not None and written % PROGRESS_STEP == 0:
+                    progress(written, directory.name)
+            attachments += _copy_attachments(file, scan, writer, left)
+            for name, table in scan.metadata:
+                if name == OWN_RECORD:
+                    continue
+                writer.add_record(name, table)
+                records += 1
     check = examine([writer.file])
     if not check.sound or check.message_count != written:
         raise BagError(f'{directory} does not read back as it was written; the disk is at fault')
-    return written
+    return Recovered(written, attachments, records, tuple(left))
+
+
+def _sound_messages(
+    file: Path, scan: Scan, writer: BagWriter, topics: dict[tuple[str, str, bytes, str], int]
+) -> Iterator[tuple[int, bytes, int, int, int]]:
+    """The messages of the sound blocks of one file, as `BagWriter.write` takes them."""
+    channels = scan.definitions.channels
+    numbers = {
+        channel.id: _topic_number(writer, topics, channel, scan.definitions)
+        for channel in channels.values()
+    }
+    with file.open('rb') as stream:
+        for checked in scan.blocks:
+            try:
+                stored = block_messages(load_block(stream, checked.block), None)
+            except Damage as damage:
+                raise BagError(f'{file} changed while it was read: {damage}') from damage
+            for channel_id, sequence, log_time, publish_time, data in stored:
+                if channel_id in numbers:
+                    content = bytes(data)
+                    if channels[channel_id].encoding == 'cdr' and is_packed(content):
+                        content = _content(content)
+                    yield numbers[channel_id], content, log_time, publish_time, sequence
+
+
+def _content(packed: bytes) -> bytes:
+    """A compressed message unpacked, or as it is when that fails: nothing is lost here."""
+    try:
+        return unpacked(packed)
+    except Damage:
+        return packed
+
+
+def _copy_attachments(file: Path, scan: Scan, writer: BagWriter, left: list[str]) -> int:
+    copied = 0
+    with file.open('rb') as stream:
+        for item in scan.attachments:
+            if item.size > LARGEST_ATTACHMENT:
+                left.append(f'attachment {item.name!r} of {item.size} bytes is too large to copy')
+                continue
+            stream.seek(item.offset)
+            data = stream.read(item.size)
+            writer.attach(item.name, item.media_type, data, item.log_time, item.create_time)
+            copied += 1
+    return copied
 
 
 def _origin(examination: Examination) -> str:
@@ -178,7 +236,7 @@ def _topic_number(
             channel.topic,
             name,
             channel.metadata.get('offered_qos_profiles', ''),
-            definition=text.decode('utf-8', 'replace'),
+            definition=text,
             definition_encoding=kind,
             type_hash=channel.metadata.get('topic_type_hash', ''),
             encoding=channel.encoding,

@@ -24,6 +24,7 @@ from grasp_replay.ros_types import definition_of
 CHUNK_BYTES = 2**20
 CHUNK_NANOSECONDS = 1_000_000_000
 RESERVE_BYTES = 8 * 2**20
+NO_SCHEMA = 0
 BAG_VERSION = 9
 ROS_DISTRO = 'jazzy'
 COMPRESSIONS = {
@@ -60,7 +61,7 @@ class BagWriter:
         self.file = self.directory / f'{self.directory.name}_0.mcap'
         self._custom_data = custom_data or {}
         self._channels: dict[int, dict[str, Any]] = {}
-        self._schemas: dict[tuple[str, str], int] = {}
+        self._schemas: dict[tuple[str, bytes], int] = {}
         self._sequence: dict[int, int] = {}
         self._chunk_start: int | None = None
         self._span: tuple[int, int] | None = None
@@ -97,7 +98,7 @@ class BagWriter:
         type_name: str,
         qos: str = '',
         *,
-        definition: str | None = None,
+        definition: str | bytes | None = None,
         definition_encoding: str = 'ros2msg',
         type_hash: str = '',
         encoding: str = 'cdr',
@@ -110,10 +111,13 @@ class BagWriter:
         if definition is None:
             definition, known_hash = definition_of(type_name)
             type_hash = type_hash or known_hash
-        key = (type_name, definition)
-        if key not in self._schemas:
+        text = definition.encode() if isinstance(definition, str) else definition
+        key = (type_name, text)
+        if not type_name:
+            self._schemas[key] = NO_SCHEMA
+        elif key not in self._schemas:
             self._schemas[key] = self._writer.register_schema(
-                type_name, definition_encoding if definition else '', definition.encode()
+                type_name, definition_encoding if text else '', text
             )
         metadata = {'offered_qos_profiles': qos}
         if type_hash:
@@ -164,6 +168,19 @@ class BagWriter:
         first, last = self._span or (log_time, log_time)
         self._span = (min(first, log_time), max(last, log_time))
         self._stop_if_full()
+
+    def attach(
+        self, name: str, media_type: str, data: bytes, log_time: int, create_time: int
+    ) -> None:
+        """Add an attachment, which stands beside the messages; times in ns."""
+        self._call(
+            lambda: self._writer.add_attachment(create_time, log_time, name, media_type, data)
+        )
+        self._stop_if_full()
+
+    def add_record(self, name: str, table: dict[str, str]) -> None:
+        """Add a metadata record: named strings that stand beside the messages."""
+        self._call(lambda: self._writer.add_metadata(name, table))
 
     def flush(self) -> None:
         """Write out the chunk in progress: what came before survives the end of this process."""

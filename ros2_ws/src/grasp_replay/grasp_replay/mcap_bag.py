@@ -12,10 +12,10 @@ from grasp_replay.bag import Bag, Message, Topic, damaged
 from grasp_replay.errors import BagError
 from grasp_replay.mcap_blocks import (
     Block,
-    Channel,
     Damage,
     Definitions,
     StoredMessage,
+    Summary,
     block_messages,
     file_size,
     load_block,
@@ -31,7 +31,7 @@ class _FileBlock:
     stream: BinaryIO
     file: Path
     block: Block
-    channels: dict[int, Channel]
+    definitions: Definitions
     start: int
     end: int
 
@@ -50,9 +50,8 @@ class McapBag(Bag):
         except BaseException:
             self.close()
             raise
-        filled = [block for block in self._blocks if block.end]
-        self.start = min((block.start for block in filled), default=0)
-        self.end = max((block.end for block in filled), default=0)
+        self.start = min((block.start for block in self._blocks), default=0)
+        self.end = max((block.end for block in self._blocks), default=0)
 
     def _open(self, file: Path) -> None:
         try:
@@ -66,10 +65,23 @@ class McapBag(Bag):
         if summary is not None:
             counts = summary.counts or {}
             definitions = summary.definitions
-            spans = [(block, block.start, block.end) for block in summary.blocks]
+            try:
+                self._find_schemas(stream, summary)
+                spans = [
+                    (block, block.start, block.end)
+                    for block in summary.blocks
+                    if block.end or _holds_messages(stream, block)
+                ]
+            except Damage as damage:
+                raise damaged(file, str(damage)) from damage
         else:
             self.notes.append(f'{file.name} has no index; it was read once to make one')
             scan = scan_file(stream)
+            if scan.loose_messages:
+                self.notes.append(
+                    f'{file.name} holds {scan.loose_messages} messages outside its chunks, which '
+                    'some players pass over; `bag_check --recover` writes a bag without'
+                )
             if not scan.sound:
                 raise damaged(file, scan.lost[0].reason)
             definitions, counts = scan.definitions, {}
@@ -79,9 +91,20 @@ class McapBag(Bag):
             spans = [(checked.block, checked.start, checked.end) for checked in scan.blocks]
         self._add_topics(file, definitions, counts)
         self._blocks += [
-            _FileBlock(stream, file, block, definitions.channels, start, end)
-            for block, start, end in spans
+            _FileBlock(stream, file, block, definitions, start, end) for block, start, end in spans
         ]
+
+    @staticmethod
+    def _find_schemas(stream: BinaryIO, summary: Summary) -> None:
+        """Take from the chunks the types that a summary does not repeat."""
+        for block in summary.blocks:
+            if not summary.definitions.lacks_schemas:
+                return
+            found = Definitions()
+            block_messages(load_block(stream, block), found)
+            contradiction = summary.definitions.fill(found)
+            if contradiction:
+                raise Damage(contradiction)
 
     def _add_topics(self, file: Path, definitions: Definitions, counts: dict[int, int]) -> None:
         for channel_id in counts:
@@ -102,13 +125,9 @@ class McapBag(Bag):
                 )
             )
 
-    def messages(
-        self,
-        topics: Collection[str] | None = None,
-        start: int | None = None,
-        stop: int | None = None,
+    def _stored(
+        self, topics: Collection[str] | None, start: int | None, stop: int | None
     ) -> Iterator[Message]:
-        """As `Bag.messages`."""
         wanted = set(self.topics if topics is None else topics)
         first = 0 if start is None else start
         last = 2**64 if stop is None else stop
@@ -135,14 +154,18 @@ class McapBag(Bag):
 
     def _load(self, place: _FileBlock, wanted: set[str], first: int, last: int) -> list[Message]:
         try:
-            stored = block_messages(load_block(place.stream, place.block), None)
+            found = Definitions()
+            stored = block_messages(load_block(place.stream, place.block), found)
+            contradiction = place.definitions.fill(found)
+            if contradiction:
+                raise Damage(contradiction)
         except OSError as error:
             raise BagError(f'{place.file} cannot be read: {error.strerror}') from error
         except Damage as damage:
             raise damaged(place.file, str(damage)) from damage
         names = {
             channel_id: channel.topic
-            for channel_id, channel in place.channels.items()
+            for channel_id, channel in place.definitions.channels.items()
             if channel.topic in wanted
         }
         self._check_times(place, stored)
@@ -166,3 +189,8 @@ class McapBag(Bag):
     def close(self) -> None:
         """Close the files."""
         self._stack.close()
+
+
+def _holds_messages(stream: BinaryIO, block: Block) -> bool:
+    """Is a chunk that ends at time zero, as an empty one does, not empty?"""
+    return bool(block_messages(load_block(stream, block), None))

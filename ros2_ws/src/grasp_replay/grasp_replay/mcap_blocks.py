@@ -13,9 +13,9 @@ import io
 import struct
 import sys
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame
 
@@ -36,6 +36,10 @@ CHUNK_INDEX_PREFIX = struct.Struct('<QQQQ')
 
 # A chunk may ask for this much memory whatever the file size: large clouds compress well.
 DECOMPRESSION_FLOOR = 32 * 2**20
+MOST_FRAMES = 4096
+"""A stream of more frames than that is taken for damage: each one costs a copy of the rest."""
+
+COMPRESSION_ERRORS = (zstd.ZstdError, RuntimeError, EOFError, MemoryError)
 
 
 class Damage(ValueError):
@@ -97,20 +101,43 @@ class Definitions:
     channels: dict[int, Channel] = field(default_factory=dict)
 
     def add(self, opcode: int, body: memoryview) -> None:
-        """Take over a schema or channel record; the first definition of an id stays."""
+        """Take over a schema or channel record; raises Damage if its id means another already."""
         if opcode == SCHEMA:
             schema = parse_schema(body)
-            self.schemas.setdefault(schema.id, schema)
+            other = Definitions({schema.id: schema})
         else:
             channel = parse_channel(body)
-            self.channels.setdefault(channel.id, channel)
+            other = Definitions({}, {channel.id: channel})
+        contradiction = self.fill(other)
+        if contradiction:
+            raise Damage(contradiction)
 
-    def merge(self, other: Definitions) -> None:
-        """Add what is missing here from `other`."""
+    def fill(self, other: Definitions) -> str:
+        """Add what is missing here from `other`; a sentence if both define an id differently."""
+        contradiction = ''
         for schema in other.schemas.values():
-            self.schemas.setdefault(schema.id, schema)
+            known = self.schemas.setdefault(schema.id, schema)
+            if known != schema:
+                contradiction = contradiction or (
+                    f'type {schema.id} is defined twice and differently, as {known.name} and as '
+                    f'{schema.name}'
+                )
         for channel in other.channels.values():
-            self.channels.setdefault(channel.id, channel)
+            standing = self.channels.setdefault(channel.id, channel)
+            if standing[:4] != channel[:4]:
+                contradiction = contradiction or (
+                    f'channel {channel.id} is defined twice and differently, on '
+                    f'{standing.topic} and on {channel.topic}'
+                )
+        return contradiction
+
+    @property
+    def lacks_schemas(self) -> bool:
+        """Does a channel name a type that is not defined here?"""
+        return any(
+            channel.schema_id and channel.schema_id not in self.schemas
+            for channel in self.channels.values()
+        )
 
 
 class Fields:
@@ -195,9 +222,9 @@ def load_block(stream: BinaryIO, block: Block) -> memoryview:
     if len(stored) != block.length:
         raise Damage(f'the file ends inside the chunk at byte {block.record_start}')
     if block.compression == 'zstd':
-        data = _decompressed(zstd.ZstdDecompressor().decompress, stored, block)
+        data = _decompressed(zstd.ZstdDecompressor, stored, block)
     elif block.compression == 'lz4':
-        data = _decompressed(lz4.frame.LZ4FrameDecompressor().decompress, stored, block)
+        data = _decompressed(lz4.frame.LZ4FrameDecompressor, stored, block)
     else:
         data = stored
     if block.crc and zlib.crc32(data) != block.crc:
@@ -205,20 +232,44 @@ def load_block(stream: BinaryIO, block: Block) -> memoryview:
     return memoryview(data)
 
 
-def _decompressed(decompress, stored: bytes, block: Block) -> bytes:  # type: ignore[no-untyped-def]
-    # One byte more than declared is asked for, so that a longer stream shows.
+def _decompressed(decompressor: Callable[[], Any], stored: bytes, block: Block) -> bytes:
     try:
-        data: bytes = decompress(stored, max_length=block.uncompressed + 1)
-    except (zstd.ZstdError, RuntimeError, EOFError, MemoryError) as error:
+        data = unpack_frames(decompressor, stored, block.uncompressed)
+    except COMPRESSION_ERRORS as error:
         raise Damage(
             f'the chunk at byte {block.record_start} does not decompress ({error})'
         ) from error
     if len(data) != block.uncompressed:
+        more = ' or more' if len(data) > block.uncompressed else ''
         raise Damage(
-            f'the chunk at byte {block.record_start} holds {len(data)} bytes or more, '
+            f'the chunk at byte {block.record_start} holds {len(data)} bytes{more}, '
             f'not {block.uncompressed}'
         )
     return data
+
+
+def unpack_frames(decompressor: Callable[[], Any], stored: bytes, most: int) -> bytes:
+    """Unpack all frames of a zstd or lz4 stream, of which skippable ones hold nothing.
+
+    Stops after one byte more than `most`, so that a longer stream shows. Raises one of
+    COMPRESSION_ERRORS.
+    """
+    pieces: list[bytes] = []
+    size = 0
+    for _ in range(MOST_FRAMES):
+        frame = decompressor()
+        pieces.append(frame.decompress(stored, max_length=most + 1 - size))
+        size += len(pieces[-1])
+        if size > most:
+            break
+        if not frame.eof:
+            raise EOFError('it ends within a compressed frame')
+        stored = frame.unused_data or b''
+        if not stored:
+            break
+    else:
+        raise EOFError(f'it has more than {MOST_FRAMES} frames')
+    return pieces[0] if len(pieces) == 1 else b''.join(pieces)
 
 
 def block_records(data: memoryview) -> Iterator[tuple[int, memoryview]]:
@@ -271,7 +322,7 @@ class Summary:
 
 
 def read_summary(stream: BinaryIO, size: int) -> Summary | None:
-    """The summary of a complete file; None when it has none that can be used.
+    """The summary of a complete file; None when it has none that tells where all messages are.
 
     Raises Damage when the file is not an MCAP file, has no end, or its summary is damaged.
     """
@@ -293,17 +344,20 @@ def read_summary(stream: BinaryIO, size: int) -> Summary | None:
     data = stream.read(size - tail - start + 25)
     if crc and zlib.crc32(data) != crc:
         raise Damage('its summary does not match its checksum')
-    return _parse_summary(memoryview(data)[:-25], stream, size)
+    return _parse_summary(memoryview(data)[:-25], stream, size, start)
 
 
-def _parse_summary(data: memoryview, stream: BinaryIO, size: int) -> Summary | None:
+def _parse_summary(data: memoryview, stream: BinaryIO, size: int, end: int) -> Summary | None:
     summary = Summary(Definitions(), [], None, 0, 0, 0, 0)
+    covered: list[tuple[int, int]] = []
     for opcode, body in block_records(data):
         fields = Fields(body)
         if opcode in (SCHEMA, CHANNEL):
             summary.definitions.add(opcode, body)
         elif opcode == CHUNK_INDEX:
-            start, end, offset, length = CHUNK_INDEX_PREFIX.unpack(fields.take(32))
+            first, last, offset, length = CHUNK_INDEX_PREFIX.unpack(fields.take(32))
+            fields.take(fields.integer(4))
+            covered.append((offset, offset + length + fields.integer(8)))
             if length < RECORD_PREFIX.size or offset + length > size:
                 raise Damage(f'its index names a chunk at byte {offset} beyond its {size} bytes')
             stream.seek(offset)
@@ -312,7 +366,7 @@ def _parse_summary(data: memoryview, stream: BinaryIO, size: int) -> Summary | N
                 raise Damage(f'its index names a chunk at byte {offset}, where none is')
             payload = RECORD_PREFIX.unpack_from(head)[1]
             block = parse_chunk_header(head[RECORD_PREFIX.size :], offset, payload, size)
-            if (block.start, block.end) != (start, end):
+            if (block.start, block.end) != (first, last):
                 raise Damage(f'the chunk at byte {offset} and its index differ in time')
             summary.blocks.append(block)
         elif opcode == STATISTICS:
@@ -332,7 +386,24 @@ def _parse_summary(data: memoryview, stream: BinaryIO, size: int) -> Summary | N
     known = summary.definitions.channels
     if any(channel_id not in known for channel_id in summary.counts):
         return None
-    return summary
+    return None if _messages_between(stream, covered, end) else summary
+
+
+def _messages_between(stream: BinaryIO, covered: list[tuple[int, int]], end: int) -> bool:
+    """Do messages stand outside the chunks and their indexes, before byte `end`?
+
+    The format does not allow them in a file with chunks; where they are, no index names them.
+    """
+    position = len(MAGIC)
+    for start, stop in [*sorted(covered), (end, end)]:
+        while position < start:
+            stream.seek(position)
+            head = stream.read(RECORD_PREFIX.size)
+            if len(head) < RECORD_PREFIX.size or head[0] == MESSAGE:
+                return True
+            position += RECORD_PREFIX.size + RECORD_PREFIX.unpack(head)[1]
+        position = stop
+    return False
 
 
 def file_size(stream: BinaryIO) -> int:

@@ -8,16 +8,15 @@ nothing is allocated on the word of a damaged length.
 from __future__ import annotations
 
 import re
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import BinaryIO
 
 from grasp_replay.mcap_blocks import (
     ATTACHMENT,
-    ATTACHMENT_INDEX,
     CHANNEL,
     CHUNK,
-    CHUNK_INDEX,
     DATA_END,
     FOOTER,
     HEADER,
@@ -26,11 +25,8 @@ from grasp_replay.mcap_blocks import (
     MESSAGE_INDEX,
     MESSAGE_PREFIX,
     METADATA,
-    METADATA_INDEX,
     RECORD_PREFIX,
     SCHEMA,
-    STATISTICS,
-    SUMMARY_OFFSET,
     Block,
     Damage,
     Definitions,
@@ -41,6 +37,8 @@ from grasp_replay.mcap_blocks import (
     parse_chunk_header,
     read_summary,
 )
+from grasp_replay.mcap_records import SMALL_RECORDS, is_whole, reads_as_another
+from grasp_replay.packed import is_packed
 
 # Messages outside chunks are gathered into runs of about this many bytes.
 RUN_BYTES = 2**20
@@ -51,28 +49,10 @@ CHUNK_SIGNATURE = re.compile(
     rb'\x06(?=.{8}.{28}(?:\x00\x00\x00\x00|\x03\x00\x00\x00lz4|\x04\x00\x00\x00zstd))', re.DOTALL
 )
 SIGNATURE_BYTES = 9 + 28 + 8
+# Bytes of an attachment or of the whole data section that are summed up at once.
+CHECKED_BYTES = 2**20
 # A record that claims more than this is not believed before its bytes are there.
 LONGEST_RECORD = 2**40
-
-# How each record with variable or fixed fields proves its own length.
-SMALL_RECORDS: dict[int, Callable[[Fields], object]] = {
-    HEADER: lambda fields: (fields.text(), fields.text()),
-    MESSAGE_INDEX: lambda fields: (fields.take(2), fields.take(fields.integer(4))),
-    CHUNK_INDEX: lambda fields: (
-        fields.take(32),
-        fields.take(fields.integer(4)),
-        fields.take(8),
-        fields.text(),
-        fields.take(16),
-    ),
-    ATTACHMENT_INDEX: lambda fields: (fields.take(40), fields.text(), fields.text()),
-    STATISTICS: lambda fields: (fields.take(42), fields.take(fields.integer(4))),
-    METADATA: lambda fields: (fields.text(), fields.string_map()),
-    METADATA_INDEX: lambda fields: (fields.take(16), fields.text()),
-    SUMMARY_OFFSET: lambda fields: fields.take(17),
-    DATA_END: lambda fields: fields.take(4),
-    FOOTER: lambda fields: fields.take(20),
-}
 
 
 @dataclass(frozen=True)
@@ -94,22 +74,39 @@ class CheckedBlock:
     counts: dict[int, int]
 
 
+@dataclass(frozen=True)
+class Attachment:
+    """A sound attachment: its names, times in ns, and where its `size` bytes begin."""
+
+    name: str
+    media_type: str
+    log_time: int
+    create_time: int
+    offset: int
+    size: int
+
+
 @dataclass
 class Scan:
     """What a walk through a file found.
 
     `complete`: the end mark is in place. `unchecked_blocks` carry no checksum,
-    `unindexed_blocks` no message index. `declared_count` is the number of messages according
-    to a sound summary.
+    `unindexed_blocks` no message index, `loose_messages` stand outside the chunks of a file that
+    has chunks, `packed` are compressed one by one (by channel id). `metadata` are (name, table)
+    records. `declared_count` is the number of messages according to a sound summary.
     """
 
     size: int
     definitions: Definitions = field(default_factory=Definitions)
     blocks: list[CheckedBlock] = field(default_factory=list)
     lost: list[Lost] = field(default_factory=list)
+    attachments: list[Attachment] = field(default_factory=list)
+    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
     complete: bool = False
     unchecked_blocks: int = 0
     unindexed_blocks: int = 0
+    loose_messages: int = 0
+    packed: dict[int, int] = field(default_factory=dict)
     declared_count: int | None = None
 
     @property
@@ -121,6 +118,16 @@ class Scan:
     def message_count(self) -> int:
         """Messages in sound blocks."""
         return sum(sum(block.counts.values()) for block in self.blocks)
+
+    @property
+    def packed_messages(self) -> int:
+        """Messages of ROS topics that are compressed one by one."""
+        channels = self.definitions.channels
+        return sum(
+            count
+            for number, count in self.packed.items()
+            if number in channels and channels[number].encoding == 'cdr'
+        )
 
 
 def scan_file(stream: BinaryIO, progress: Callable[[int], None] | None = None) -> Scan:
@@ -137,7 +144,12 @@ class _Walk:
         self.size = file_size(stream)
         self.result = Scan(self.size)
         self.in_summary = False
+        self.loose = Definitions()
+        self.loose_places: list[tuple[int, int, Definitions]] = []
         self.weak = Definitions()
+        self.summary_fault = ''
+        self.data_crc = 0
+        self.data_end = 0
         self.chunks_seen = 0
         self.index_seen = True
         self.settled = len(MAGIC)
@@ -155,10 +167,50 @@ class _Walk:
             self.progress(position)
         self._close_run()
         self._note_missing_index()
-        self.result.definitions.merge(self.weak)
+        self._settle_definitions()
+        self._check_data_section()
         if not self.result.complete and not self.result.lost:
             self._lose(self.size, self.size, 'the file ends before its end mark')
+        if self.summary_fault and not self.result.lost:
+            self._lose(self.size, self.size, self.summary_fault)
         return self.result
+
+    def _settle_definitions(self) -> None:
+        """What the chunks say stands under their checksums: the others fill gaps, or are named."""
+        known = self.result.definitions
+        for start, end, loose in self.loose_places:
+            contradiction = known.fill(loose)
+            if contradiction:
+                self._lose(start, end, contradiction)
+        contradiction = known.fill(self.weak)
+        if contradiction and not self.result.lost:
+            self._lose(self.size, self.size, f'its summary contradicts its data: {contradiction}')
+
+    def _check_data_section(self) -> None:
+        """Hold everything before the data end against its checksum; where it is wrong stays open.
+
+        What no chunk's checksum proves is saved all the same, and the fault is named.
+        """
+        if not self.data_crc or self.result.lost:
+            return
+        if self._sum(0, self.data_end) != self.data_crc:
+            self._lose(
+                self.data_end,
+                self.data_end,
+                'its data do not match their checksum, which does not tell where; a message '
+                'outside the chunks, a type, a topic or an attachment is wrong',
+            )
+
+    def _sum(self, start: int, end: int) -> int:
+        self.stream.seek(start)
+        total = 0
+        while start < end:
+            piece = self.stream.read(min(CHECKED_BYTES, end - start))
+            if not piece:
+                break
+            total = zlib.crc32(piece, total)
+            start += len(piece)
+        return total
 
     def _step_over(self, position: int, reason: str) -> int:
         """Where to go on after damage at `position`.
@@ -176,10 +228,11 @@ class _Walk:
             self._lose(0, min(len(MAGIC), self.size), 'the file does not begin as an MCAP file')
         try:
             summary = read_summary(self.stream, self.size)
-        except Damage:
-            summary = None
+        except Damage as damage:
+            self.summary_fault = str(damage)
+            return len(MAGIC)
         if summary is not None:
-            self.result.definitions.merge(summary.definitions)
+            self.weak.fill(summary.definitions)
             self.result.declared_count = summary.message_count
         return len(MAGIC)
 
@@ -208,14 +261,42 @@ class _Walk:
             raise Damage('bytes that are no record')
         if opcode == MESSAGE:
             self._extend_run(position, end, head[9:])
-            return end
-        if opcode == ATTACHMENT or opcode > DATA_END:
+        elif opcode == ATTACHMENT:
+            self._take_attachment(position, body, end)
+        elif opcode > DATA_END:
             self._expect_record_at(end)
         else:
             self._take_small(opcode, body, length)
         if opcode == FOOTER:
             self._take_end(end)
         return end
+
+    def _take_attachment(self, position: int, body: int, end: int) -> None:
+        """Hold an attachment against its checksum (zero: none); raises Damage for a wrong length.
+
+        Fields that the format may have gained since follow the checksum.
+        """
+        self.stream.seek(body)
+        fields = Fields(memoryview(self.stream.read(min(end - body, RUN_BYTES))))
+        try:
+            log_time, create_time = fields.integer(8), fields.integer(8)
+            name, media_type, size = fields.text(), fields.text(), fields.integer(8)
+        except Damage:
+            self._expect_record_at(end)
+            self._lose(position, end, 'an attachment whose fields cannot be read')
+            return
+        start = body + fields.position
+        if start + size + 4 > end:
+            raise Damage(f'an attachment of {end - body} bytes that declares {size} bytes of data')
+        if start + size + 4 < end:
+            self._expect_record_at(end)
+        self.stream.seek(start + size)
+        declared = int.from_bytes(self.stream.read(4), 'little')
+        if declared and self._sum(body, start + size) != declared:
+            self._lose(position, end, f'attachment {name!r} does not match its checksum')
+            return
+        found = Attachment(name, media_type, log_time, create_time, start, size)
+        self.result.attachments.append(found)
 
     def _take_chunk(self, block: Block, end: int) -> None:
         self._close_run()
@@ -246,8 +327,14 @@ class _Walk:
         self.stream.seek(body)
         data = memoryview(self.stream.read(length))
         if opcode in (SCHEMA, CHANNEL):
-            # What the chunks say stands under their checksums: the summary only fills gaps.
-            (self.weak if self.in_summary else self.result.definitions).add(opcode, data)
+            found = Definitions()
+            found.add(opcode, data)
+            contradiction = (self.weak if self.in_summary else self.loose).fill(found)
+            if contradiction:
+                raise Damage(contradiction)
+            if not self.in_summary:
+                self._close_run()
+                self.loose_places.append((body - RECORD_PREFIX.size, body + length, found))
             return
         if opcode not in SMALL_RECORDS:
             raise Damage('bytes that are no record')
@@ -255,7 +342,13 @@ class _Walk:
         SMALL_RECORDS[opcode](fields)
         if fields.position != length:
             self._expect_record_at(body + length)
-        self.in_summary |= opcode == DATA_END
+        if opcode == DATA_END:
+            self.in_summary = True
+            self.data_crc = int.from_bytes(data[:4], 'little')
+            self.data_end = body - RECORD_PREFIX.size
+        elif opcode == METADATA and not self.in_summary:
+            fields = Fields(data)
+            self.result.metadata.append((fields.text(), fields.string_map()))
         self.index_seen |= opcode == MESSAGE_INDEX
 
     def _take_end(self, end: int) -> None:
@@ -286,22 +379,24 @@ class _Walk:
         opcode, length = RECORD_PREFIX.unpack(head)
         if opcode not in SMALL_RECORDS or length > self.size - position:
             return False
-        fields = Fields(memoryview(self.stream.read(length)))
-        try:
-            SMALL_RECORDS[opcode](fields)
-        except Damage:
-            return False
-        return fields.position == length
+        return is_whole(opcode, memoryview(self.stream.read(length)))
 
     def _check(self, block: Block) -> None:
         """Load a block, verify it and count it; raises Damage."""
         definitions = Definitions()
         counts: dict[int, int] = {}
+        packed: list[int] = []
         start, end = 2**64, 0
         for message in block_messages(load_block(self.stream, block), definitions):
             counts[message.channel_id] = counts.get(message.channel_id, 0) + 1
             start, end = min(start, message.log_time), max(end, message.log_time)
-        self.result.definitions.merge(definitions)
+            if is_packed(message.data):
+                packed.append(message.channel_id)
+        contradiction = self.result.definitions.fill(definitions)
+        if contradiction:
+            raise Damage(contradiction)
+        for channel_id in packed:
+            self.result.packed[channel_id] = self.result.packed.get(channel_id, 0) + 1
         self.result.unchecked_blocks += not block.crc
         if counts:
             self.result.blocks.append(CheckedBlock(block, start, end, counts))
@@ -310,14 +405,25 @@ class _Walk:
         if end - position < RECORD_PREFIX.size + MESSAGE_PREFIX.size or len(body) < 2:
             raise Damage('a message record without its fields')
         channel_id = int.from_bytes(body[:2], 'little')
-        if self.chunks_seen or channel_id not in self.result.definitions.channels:
+        if self.in_summary or not self._is_channel(channel_id):
             raise Damage('a message outside the chunks')
+        if self.chunks_seen:
+            # The format has none here: it may be another record with a bit flipped.
+            self.stream.seek(position + RECORD_PREFIX.size)
+            data = memoryview(self.stream.read(min(end - self.stream.tell(), RUN_BYTES)))
+            if reads_as_another(data, end - position - RECORD_PREFIX.size, self.size):
+                raise Damage('a record that is no message')
+            self.result.loose_messages += 1
         self._expect_record_at(end)
         if self.run_end and (position != self.run_end or end - self.run_start > RUN_BYTES):
             self._close_run()
         if not self.run_end:
             self.run_start = position
         self.run_end = end
+
+    def _is_channel(self, number: int) -> bool:
+        known = (self.result.definitions, self.loose, self.weak)
+        return any(number in definitions.channels for definitions in known)
 
     def _close_run(self) -> None:
         if self.run_end:

@@ -25,6 +25,8 @@ from grasp_replay.qos import FOREVER, QosProfile
 def message_class(type_name: str) -> Any:
     """The Python class of a message type or service event type; raises BagError."""
     package, kind, name = (type_name.split('/') + ['', ''])[:3]
+    if not (package and kind and name):
+        raise BagError(f'{type_name!r} is not the name of a type such as std_msgs/msg/String')
     try:
         module = importlib.import_module(f'{package}.{kind}')
         if kind == 'srv' and name.endswith('_Event'):

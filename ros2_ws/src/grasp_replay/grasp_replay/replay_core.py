@@ -78,6 +78,8 @@ def refusal(topic: Topic) -> str | None:
     """Why a topic cannot be replayed at all, None when nothing speaks against it."""
     if topic.encoding != 'cdr':
         return f'it is serialised as {topic.encoding!r}, not cdr'
+    if not topic.type_name:
+        return 'the recording does not name its type'
     if topic.name.endswith(SERVICE_EVENT):
         return 'it holds the events of a service, which only its server may send'
     return None

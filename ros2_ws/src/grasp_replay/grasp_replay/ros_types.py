@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -131,6 +132,29 @@ def type_differs(type_name: str, type_hash: str, definition: str, encoding: str)
         f'its {type_name} was defined differently when it was recorded (hash {theirs[:15]}..., '
         f'here {ours[:15]}...): its bytes would be misread'
     )
+
+
+@dataclass(frozen=True)
+class TypeRecord:
+    """What a recording says of a type; hash and definition are empty where it says nothing."""
+
+    name: str
+    hash: str
+    definition: str
+    encoding: str
+
+
+def same_type(one: TypeRecord, other: TypeRecord) -> bool:
+    """Do two recordings of a type lay out the same bytes, as far as they tell?
+
+    Comments do not matter; a missing definition contradicts none.
+    """
+    if one.hash and other.hash:
+        return one.hash == other.hash
+    if one.definition == other.definition or not (one.definition and other.definition):
+        return True
+    hashes = [_hash_of(item.name, item.definition, item.encoding) for item in (one, other)]
+    return '' not in hashes and hashes[0] == hashes[1]
 
 
 def _hash_of(type_name: str, definition: str, encoding: str) -> str:

@@ -48,7 +48,8 @@ class Senders:
         self.names: dict[str, str] = {}
         chosen = options.choice.topics(bag)
         if not chosen:
-            raise BagError(f'{bag.path} has none of the topics chosen, but {listed(bag.topics)}')
+            there = f'it has {listed(bag.topics)}' if bag.topics else 'it has no topics at all'
+            raise BagError(f'{bag.path} has none of the topics chosen; {there}')
         kinds = {}
         for name, topic in sorted(chosen.items()):
             reason = refusal(topic) or type_differs(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
+from heapq import merge
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +16,25 @@ from grasp_replay.errors import BagError
 
 
 class SqliteBag(Bag):
-    """SQLite files, read through the rosbags library, one after the other."""
+    """SQLite files, read through the rosbags library, merged by time."""
 
     def __init__(self, path: Path, files: list[Path]) -> None:
         super().__init__(path)
         self.storage = 'sqlite3'
         self.files = files
         self._readers: list[Any] = []
+        spans: list[tuple[int, int]] = []
         try:
             for file in files:
                 self._open(file)
+                reader = self._readers[-1]
+                if reader.message_count:
+                    spans.append((reader.start_time, reader.end_time - 1))
         except BaseException:
             self.close()
             raise
+        self.start = min((start for start, _ in spans), default=0)
+        self.end = max((end for _, end in spans), default=0)
 
     def _open(self, file: Path) -> None:
         reader = self._guard(lambda: Reader(file))
@@ -46,9 +53,6 @@ class SqliteBag(Bag):
                     f'ros2{item.msgdef.format.name.lower()}' if item.msgdef.data else '',
                 )
             )
-        if reader.message_count:
-            self.start = min(self.start, reader.start_time) if self.end else reader.start_time
-            self.end = max(self.end, reader.end_time - 1)
 
     def _guard(self, action: Callable[[], Any]) -> Any:
         try:
@@ -56,18 +60,17 @@ class SqliteBag(Bag):
         except Exception as error:  # rosbags and apsw errors share no base class
             raise BagError(f'{self.path} cannot be read: {error}') from error
 
-    def messages(
-        self,
-        topics: Collection[str] | None = None,
-        start: int | None = None,
-        stop: int | None = None,
+    def _stored(
+        self, topics: Collection[str] | None, start: int | None, stop: int | None
     ) -> Iterator[Message]:
-        """As `Bag.messages`."""
         wanted = set(self.topics if topics is None else topics)
+        sources = []
         for reader in self._readers:
             connections = [item for item in reader.connections if item.topic in wanted]
             if connections:
-                yield from self._read(reader.messages(connections, start=start, stop=stop))
+                sources.append(self._read(reader.messages(connections, start=start, stop=stop)))
+        # Files may overlap in time; equal times keep the order of the files.
+        yield from merge(*sources, key=lambda message: message.log_time)
 
     def _read(self, source: Iterator[Any]) -> Iterator[Message]:
         end = object()

@@ -70,7 +70,7 @@ def test_a_recovered_bag_is_sound_and_keeps_topics_qos_times_and_sequence(tmp_pa
     path = tmp_path / 'damaged.mcap'
     path.write_bytes(content)
     examination = examine([path])
-    assert recover(examination, tmp_path / 'saved') == 54
+    assert recover(examination, tmp_path / 'saved').messages == 54
     with open_bag(tmp_path / 'bag') as old, open_bag(tmp_path / 'saved') as new:
         kept = [m for m in old.messages() if not 900_000_000 <= m.log_time < 1_200_000_000]
         assert list(new.messages()) == kept
@@ -155,7 +155,7 @@ def test_messages_without_their_definition_are_counted_and_left_out(tmp_path: Pa
     path.write_bytes(content)
     examination = examine([path])
     assert examination.nameless == 54
-    assert recover(examination, tmp_path / 'saved') == 0
+    assert recover(examination, tmp_path / 'saved').messages == 0
 
 
 def test_exit_codes_sound_damaged_and_no_bag(

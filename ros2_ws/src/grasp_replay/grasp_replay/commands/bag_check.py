@@ -12,7 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from grasp_replay.bag_reader import Bag, bag_files, open_bag, read_metadata
+from grasp_replay.bag_reader import Bag, bag_files, open_bag, read_metadata, storage_kind
 from grasp_replay.bag_repair import Examination, examine, recover
 from grasp_replay.errors import BagError
 from grasp_replay.progress import progress_bar
@@ -60,7 +60,8 @@ def check(path: Path, recover_into: Path | None = None) -> dict[str, Any]:
     """The report that `--json` prints; raises BagError when `path` is no bag at all."""
     metadata, notes = read_metadata(path)
     files = bag_files(path, metadata)
-    if all(file.suffix == '.mcap' for file in files) and not metadata.get('compression_mode'):
+    whole = str(metadata.get('compression_mode') or 'none').lower() in ('none', 'message')
+    if whole and all(storage_kind(file) == 'mcap' for file in files):
         return _check_mcap(path, files, notes, metadata, recover_into)
     if recover_into is not None:
         raise BagError(f'{path}: only MCAP files can be recovered; use `sqlite3 FILE .recover`')
@@ -84,24 +85,58 @@ def _check_mcap(
         with open_bag(path) as bag:
             report = _report(path, bag)
     else:
-        if not any(scan.blocks or scan.definitions.channels for scan in examination.scans):
+        if not any(
+            scan.blocks or scan.definitions.channels or scan.attachments or scan.metadata
+            for scan in examination.scans
+        ):
             reason = examination.lost[0].reason
             raise BagError(f'{path} holds nothing that can be read: {reason}')
         report = _damaged_report(path, examination, notes)
-    unindexed = sum(scan.unindexed_blocks for scan in examination.scans)
-    unchecked = sum(scan.unchecked_blocks for scan in examination.scans)
+    report['notes'] += _remarks(examination)
+    if recover_into is not None:
+        with progress_bar('saving', examination.message_count) as show:
+            saved = recover(examination, recover_into, show)
+        report['recovered'] = {
+            'bag': str(recover_into),
+            'messages': saved.messages,
+            'attachments': saved.attachments,
+            'metadata': saved.metadata,
+            'left': list(saved.left),
+        }
+    return report
+
+
+def _remarks(examination: Examination) -> list[str]:
+    """What is unusual about the files but harmless, or not proven."""
+    scans = examination.scans
+    notes = []
+    unindexed = sum(scan.unindexed_blocks for scan in scans)
+    unchecked = sum(scan.unchecked_blocks for scan in scans)
+    loose = sum(scan.loose_messages for scan in scans)
+    packed = sum(scan.packed_messages for scan in scans)
     if unindexed:
-        report['notes'].append(
+        notes.append(
             f'{unindexed} chunks have no message index, which some players refuse; '
             '--recover writes a bag that has it'
         )
     if unchecked:
-        report['notes'].append(f'{unchecked} chunks carry no checksum: content is not proven')
-    if recover_into is not None:
-        with progress_bar('saving', examination.message_count) as show:
-            saved = recover(examination, recover_into, show)
-        report['recovered'] = {'bag': str(recover_into), 'messages': saved}
-    return report
+        notes.append(f'{unchecked} chunks carry no checksum: content is not proven')
+    if loose:
+        notes.append(
+            f'{loose} messages stand outside the chunks, where some players pass over them; '
+            '--recover writes a bag without'
+        )
+    if packed:
+        notes.append(
+            f'{packed} messages are compressed one by one; they are unpacked when read, replayed '
+            'or saved'
+        )
+    if examination.declared not in (None, examination.message_count) and examination.sound:
+        notes.append(
+            f'the index declares {examination.declared} messages, {examination.message_count} '
+            'are there'
+        )
+    return notes
 
 
 def _report(path: Path, bag: Bag) -> dict[str, Any]:
@@ -182,10 +217,10 @@ def _verdict(report: dict[str, Any]) -> str:
         spans += f'; and {more} spans more'
     if 'recovered' in report:
         saved = report['recovered']
-        outcome = f'{saved["messages"]} messages were saved into {saved["bag"]}'
+        outcome = f'{_saved(saved)} into {saved["bag"]}'
     else:
         outcome = (
-            f'{report["messages"]} messages are sound, save them with --recover NEW_DIRECTORY'
+            f'{report["messages"]} messages can be read, save them with --recover NEW_DIRECTORY'
         )
     return f'{report["bag"]} is damaged ({spans or report["notes"][-1]}); {outcome}'
 
@@ -206,7 +241,23 @@ def _print(report: dict[str, Any]) -> None:
         console.print(f'note: {note}', markup=False)
     if 'recovered' in report:
         saved = report['recovered']
-        console.print(f'saved {saved["messages"]} messages into {saved["bag"]}', markup=False)
+        console.print(f'{_saved(saved)} into {saved["bag"]}', markup=False)
+        for item in saved['left']:
+            console.print(f'left out: {item}', markup=False)
+
+
+def _saved(saved: dict[str, Any]) -> str:
+    """What was written into a new bag, the kinds that there are none of left out."""
+    parts = [
+        f'{saved[key]} {word}'
+        for key, word in (
+            ('messages', 'messages'),
+            ('attachments', 'attachments'),
+            ('metadata', 'metadata records'),
+        )
+        if saved[key] or key == 'messages'
+    ]
+    return f'{" and ".join(parts)} were saved'
 
 
 if __name__ == '__main__':

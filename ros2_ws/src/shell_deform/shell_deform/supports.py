@@ -195,6 +195,14 @@ def vertex_parameters(
     return found[:, 0], np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])[found[:, 1]]
 
 
+GRIP_TOLERANCE = 2e-3
+"""Two held pins always leave one rigid motion, along which both follow their own axes.
+
+Where these are not in line the curved patches resist it by some 1e-5 of what they resist others:
+enough to turn an unbalanced moment into thousands of newtons of grip, which tears the patches.
+"""
+
+
 def rigid_modes(positions: Array) -> Array:
     """Six orthonormal infinitesimal rigid motions (3 n, 6) of control points (n, 3)."""
     centred = positions - positions.mean(axis=0)
@@ -208,7 +216,11 @@ def rigid_modes(positions: Array) -> Array:
 
 
 def free_rigid_modes(modes: Array, rows: Array, tolerance: float = 1e-6) -> Array:
-    """Rigid motions (N, k) that the constraint `rows` (N, c) do not prevent."""
+    """Rigid motions (N, k) that the constraint `rows` (N, c) do not prevent.
+
+    `tolerance`: motions that meet the rows less than that, against the one that does most, are
+    free; `GRIP_TOLERANCE` for rows of contacts.
+    """
     if rows.shape[1] == 0 or modes.shape[1] == 0:
         return modes
     scaled = rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300)

@@ -68,3 +68,14 @@ def test_mesh_and_picture_are_written(tmp_path, capsys):
     assert mesh.read_bytes().startswith(b'ply')
     assert picture.read_bytes().startswith(b'\x89PNG')
     assert 'tennis_ball' in capsys.readouterr().out
+
+
+def test_rows_that_converged_are_printed_before_the_sentence_that_says_where_it_ended(capsys):
+    command = ['--object', 'tennis_ball', '--vertices', '250', '--displacement-sweep']
+    assert shell_solve.main([*command, '0:0.09:3', '--json']) == 1
+    captured = capsys.readouterr()
+    result = json.loads(captured.out)
+    assert 1 <= len(result['points']) < 4
+    assert result['points'][0]['force_n'] == pytest.approx(0.0, abs=1e-9)
+    assert result['message'] and result['message'] in captured.err
+    assert captured.err.strip().endswith(result['message'])

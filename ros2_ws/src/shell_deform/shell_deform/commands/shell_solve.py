@@ -20,11 +20,14 @@ from shell_deform.commands.console import CommandError, print_json, progress, ru
 from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject, load_object
 from shell_deform.readout import read_out, thickness_warning
-from shell_deform.solve.equilibrium import Equilibrium, displaced, forced
+from shell_deform.solve.equilibrium import End, Equilibrium, displaced, forced
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
 from shell_deform.theory import THEORIES
 
 Array = NDArray[np.float64]
+
+UNBALANCED_SHARE = 0.01
+"""An unbalanced moment below this share of the pushes times the object's size is not told."""
 
 
 @dataclass(frozen=True)
@@ -58,18 +61,18 @@ def _solve(options: argparse.Namespace) -> None:
     by_force = options.force is not None
     values = options.force if by_force else options.displacement_sweep
     results: list[Solved] = []
-    state = solver.rest()
+    state, ended = solver.rest(), ''
     for value in progress(values, 'load cases'):
         start = time.perf_counter()
         wanted = [value] * len(contacts)
         case = forced(contacts, wanted) if by_force else displaced(contacts, wanted)
-        state = solver.solve(case, state)
-        if not state.converged:
+        found = solver.solve(case, state)
+        if not found.converged:
             unit = 'N' if by_force else 'm'
-            raise CommandError(
-                f'{shell_object.name}: no equilibrium at {value:g} {unit}: {state.message}; '
-                'use a displacement sweep or smaller steps'
-            )
+            ended = f'{shell_object.name}: no equilibrium at {value:g} {unit}: {found.message}'
+            ended += '; use a displacement sweep' if by_force else '; use smaller steps'
+            break
+        state = found
         results.append(Solved(state, time.perf_counter() - start))
     cpu = time.process_time() - loaded[1]
     for warning in _warnings(shell_object, model, state):
@@ -88,10 +91,14 @@ def _solve(options: argparse.Namespace) -> None:
                 'vertices': len(model.rest),
                 'cpu_seconds': cpu,
                 'points': [_point(solved) for solved in results],
+                'message': ended,
             }
         )
-    else:
+    elif results or not ended:
         _print_table(shell_object, options.theory, len(model.rest), cpu, results)
+    if ended:
+        # What converged has been printed, drawn and written: the end comes last.
+        raise CommandError(ended)
 
 
 def _point(solved: Solved) -> dict[str, Any]:
@@ -104,11 +111,20 @@ def _point(solved: Solved) -> dict[str, Any]:
         'iterations': state.iterations,
         'seconds': solved.seconds,
         'stable': state.stable is not False,
+        'end': state.end.value,
     }
 
 
 def _warnings(shell_object: ShellObject, model: ShellModel, state: Equilibrium) -> list[str]:
     found = [thickness_warning(model)]
+    if state.end is End.SNAP:
+        found.append('the shell snaps on the way: a jump under dead load may land elsewhere')
+    moment = float(np.linalg.norm(state.unbalance[3:]))
+    arm = UNBALANCED_SHARE * float(np.ptp(model.rest, axis=0).max())
+    if model.supports is None and moment > arm * float(np.abs(state.force).sum()):
+        found.append(
+            f'the pushes are not in line: a moment of {moment:.3g} N m is left unbalanced and held'
+        )
     found.extend(read_out(model, state.positions, shell_object.yield_stress_pa).warnings)
     return [warning for warning in found if warning]
 

@@ -15,7 +15,7 @@ from shell_deform.factor.base import Factor
 from shell_deform.factor.bordered import BorderedFactor
 from shell_deform.model import ShellModel, Tangent, diagonal_entry
 from shell_deform.solve.equilibrium import LoadCase
-from shell_deform.supports import free_rigid_modes
+from shell_deform.supports import GRIP_TOLERANCE, free_rigid_modes
 
 Array = NDArray[np.float64]
 
@@ -72,14 +72,15 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
     rows = _independent(rows)
     pads = {i: contact.pad for i, contact in enumerate(contacts) if contact.pad is not None}
     driven = case.driven & ~case.padded
-    left = free_rigid_modes(model.free_modes, np.concatenate([rows, measure[:, driven]], axis=1))
+    grip = np.concatenate([rows, measure[:, driven]], axis=1)
+    left = free_rigid_modes(model.free_modes, grip, GRIP_TOLERANCE)
     loose = np.zeros((count, 0))
     pushed = [
         contacts[i].displacement_row().reshape(-1) for i in np.flatnonzero(case.driven & ~driven)
     ]
     if pushed and left.shape[1]:
         all_left = left
-        left = free_rigid_modes(all_left, np.stack(pushed, axis=1))
+        left = free_rigid_modes(all_left, np.stack(pushed, axis=1), GRIP_TOLERANCE)
         # SciPy 1.11 knows no null space of a matrix without rows.
         taken = (all_left.T @ left).T
         loose = all_left @ scipy.linalg.null_space(taken) if len(taken) else all_left

@@ -14,10 +14,19 @@ from numpy.typing import NDArray
 
 from shell_deform.solve.borders import Borders, borders
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, forced
-from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.newton_step import StepSolver
 from shell_deform.solve.prediction import StepLoads
 
 Array = NDArray[np.float64]
+
+FIRST_SHARE = 0.02
+"""The first step where load steps ended: this share of what the tangent there asks for."""
+
+SHORTEST, LONGEST_FIRST, LONGEST = 2e-4, 0.2, 1.0
+"""Steps there, root-mean-square in wall thicknesses."""
+
+MOST_POINTS = 120
+"""After so many the path of a shell that has snapped is given up."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +56,18 @@ class ArcLengthOptions:
     wanted_iterations: int = 5
 
 
+@dataclass(frozen=True)
+class Ray:
+    """Loads [N] on a line: `dead` + factor `load` (N,), pushes `force` + factor `more` (k,)."""
+
+    dead: Array
+    load: Array
+    force: Array
+    more: Array
+
+
 def follow_path(
-    solver: EquilibriumSolver,
+    solver: StepSolver,
     case: LoadCase,
     options: ArcLengthOptions,
     until: float = 1.0,
@@ -61,14 +80,57 @@ def follow_path(
     below `options.smallest_step` does not converge.
     """
     case.refuse_pads('arc length')
-    model = solver.model
-    edge = borders(model, forced(case.contacts, case.force))
+    edge = borders(solver.model, forced(case.contacts, case.force))
     if case.dead_load is not None:
         edge = replace(edge, dead=edge.dead + case.dead_load.reshape(-1))
     load = edge.push @ case.force + edge.dead
+    ray = Ray(np.zeros_like(load), load, np.zeros_like(case.force), case.force)
+    return _follow(solver, edge, ray, options, start or solver.rest(), until)
+
+
+def carried_on(
+    solver: StepSolver, edge: Borders, here: Equilibrium, goal: StepLoads
+) -> tuple[Equilibrium, float, bool]:
+    """Where load steps from `here` towards `goal` end, by arc length: every contact is forced.
+
+    Returns the state, the share of the way it carries (1 under `goal`), and whether the load had
+    to fall on the way: then the shell snaps. Where nothing carries `goal`, the state is the last
+    one before the fall. One behind a snap is the next on the path; a jump under dead load may
+    land on another.
+    """
+    dead = here.dead_load if len(here.dead_load) else np.zeros_like(goal.dead)
+    base = edge.push @ here.force + dead
+    ray = Ray(base, edge.push @ goal.force + goal.dead - base, here.force, goal.force - here.force)
+    wall = float(solver.model.shell.thickness.max())
+    tangent = solver.respond(here, edge, ray.load[:, None])[:, 0]
+    whole = float(np.linalg.norm(tangent)) / np.sqrt(len(solver.model.rest))
+    first = float(np.clip(FIRST_SHARE * whole, SHORTEST * wall, LONGEST_FIRST * wall))
+    options = ArcLengthOptions(first, LONGEST * wall, SHORTEST * wall, MOST_POINTS)
+    path = _follow(solver, edge, ray, options, here, 1.0)
+    states = [here, *(point.state for point in path.points)]
+    factors = np.array([0.0, *(point.factor for point in path.points)])
+    falls = np.flatnonzero(np.diff(factors) < 0.0)
+    snaps = len(falls) > 0
+    if factors[-1] >= 1.0:
+        found = solver.step(edge, goal, states[-1])
+        if found.converged:
+            return found, 1.0, snaps
+    last = int(falls[0] if snaps else np.argmax(factors * (factors < 1.0)))
+    return states[last], float(factors[last]), snaps
+
+
+def _follow(
+    solver: StepSolver,
+    edge: Borders,
+    ray: Ray,
+    options: ArcLengthOptions,
+    state: Equilibrium,
+    until: float,
+) -> Path:
+    """Points on the path of `ray` from `state`, where its factor is 0."""
+    model, load = solver.model, ray.load
     count = len(model.rest)
-    state = start or solver.rest()
-    factor, step = 0.0, options.first_step
+    step = options.first_step
     direction = _unit(solver.respond(state, edge, load[:, None])[:, 0], count)
     points: list[PathPoint] = []
     message = ''
@@ -78,22 +140,22 @@ def follow_path(
         guess = state.positions + step * direction.reshape(-1, 3)
         found = solver.step(
             driven,
-            StepLoads(np.zeros(1), np.array([position + step]), np.zeros_like(load)),
+            StepLoads(np.zeros(1), np.array([position + step]), ray.dead, state.support_target),
             replace(state, multipliers=np.zeros(driven.held.shape[1])),
             guess,
         )
         if not found.converged:
             step *= 0.5
             if step < options.smallest_step:
+                factor = points[-1].factor if points else 0.0
                 message = f'{found.message} at load factor {factor:.4g}'
                 break
             continue
-        moved = (found.positions - state.positions).reshape(-1)
-        direction = _unit(moved, count)
+        direction = _unit((found.positions - state.positions).reshape(-1), count)
         factor = float(found.force[0])
         state = replace(
             found,
-            force=factor * case.force,
+            force=ray.force + factor * ray.more,
             displacement=edge.measure.T @ (found.positions - model.rest).reshape(-1),
         )
         points.append(PathPoint(factor, state))

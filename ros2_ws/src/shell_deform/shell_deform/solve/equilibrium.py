@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,16 @@ from numpy.typing import NDArray
 from shell_deform.contact.loads import ContactPatch
 
 Array = NDArray[np.float64]
+
+
+class End(str, Enum):
+    """How the way to a load case ended."""
+
+    CARRIED = 'carried'
+    SNAP = 'snap'
+    """The load had to fall on the way: converged behind a snap, or not at all."""
+    LOST = 'lost'
+    """No equilibrium was found and no snap was seen either."""
 
 
 class LoadCaseError(ValueError):
@@ -106,6 +117,8 @@ class Equilibrium:
         residual: unbalanced nodal force relative to the loads [-].
         iterations: linear solves. factorisations: stiffness factorisations.
         load_fraction: share of the load case that is carried, 1 when converged.
+        end: how the way there ended. A converged state with `End.SNAP` is the next one on the
+            equilibrium path; a jump under dead load may land on another.
         negative_modes: directions of negative stiffness under these controls, None if not asked.
         dead_load: (3 n,) other load carried [N]; empty for none.
         pad_load: (3 n,) what the rigid pads push with [N]; empty for none.
@@ -126,6 +139,7 @@ class Equilibrium:
     iterations: int
     factorisations: int
     load_fraction: float = 1.0
+    end: End = End.CARRIED
     negative_modes: int | None = None
     dead_load: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     pad_load: Array = field(default_factory=lambda: np.zeros(0), repr=False)

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.contact.pad_contact import FIRST_STIFFNESS, LAST_STIFFNESS
+from shell_deform.factor.base import FactorError
 from shell_deform.solve.borders import Borders, borders, negative_directions
-from shell_deform.solve.equilibrium import Equilibrium, LoadCase, PathState
+from shell_deform.solve.continuation import carried_on
+from shell_deform.solve.equilibrium import End, Equilibrium, LoadCase, PathState
 from shell_deform.solve.newton_step import NewtonOptions, StepSolver
 from shell_deform.solve.prediction import StepLoads, control_of, predicted
 from shell_deform.theory import THEORIES
@@ -21,30 +23,17 @@ __all__ = ['EquilibriumSolver', 'NewtonOptions']
 
 Array = NDArray[np.float64]
 
+ARC_LENGTH_BELOW = 1.0 / 32.0
+"""Where pushes alone are prescribed, arc length takes over from smaller load steps."""
+
+SNAPPED = 'the shell snaps and no state behind the snap was found'
+
 # Passes in which pads press home, each at first so many times as stiff as the one before.
 MOST_PAD_PASSES, PAD_STIFFENING = 30, 4.0
 
 
 class EquilibriumSolver(StepSolver):
     """Solves load case after load case of one model; the symbolic factorisation is kept."""
-
-    def rest(self) -> Equilibrium:
-        """The undeformed state, as a start."""
-        empty = np.zeros(0)
-        return Equilibrium(
-            True,
-            '',
-            self.model.rest,
-            empty,
-            empty,
-            empty,
-            np.zeros(6),
-            0.0,
-            self.model.gas.gauge_pressure if self.model.gas.is_sealed else 0.0,
-            0.0,
-            0,
-            0,
-        )
 
     def solve(self, case: LoadCase, start: Equilibrium | None = None) -> Equilibrium:
         """Equilibrium under `case`, from `start` (default: rest), by as few steps as converge."""
@@ -60,6 +49,7 @@ class EquilibriumSolver(StepSolver):
             edge.dead,
             case.support_target,
         )
+        by_force = edge.pads is None and not case.driven.any() and case.support_target is None
         fraction, step = 0.0, 1.0
         iterations = factorisations = 0
         message = ''
@@ -78,9 +68,13 @@ class EquilibriumSolver(StepSolver):
                 continue
             message = found.message
             step = 0.5 * (trial - fraction)
-            if step < self.options.smallest_step:
+            if step < (ARC_LENGTH_BELOW if by_force else self.options.smallest_step):
                 break
-        done = fraction >= 1.0 - 1e-12
+        done, end = fraction >= 1.0 - 1e-12, End.CARRIED
+        if not done and by_force:
+            here, done, fraction, end = self._by_arc_length(edge, here, goal, fraction)
+        if not done:
+            message = SNAPPED if end is End.SNAP else message
         if done and edge.pads is not None:
             edge, here, message = self._pressed_home(edge, loads, here)
             iterations += here.iterations
@@ -93,11 +87,23 @@ class EquilibriumSolver(StepSolver):
             iterations=iterations,
             factorisations=factorisations,
             load_fraction=fraction,
+            end=end if done or end is End.SNAP else End.LOST,
             unbalance=self._unbalance(edge, here),
             negative_modes=self.negative_modes(edge, here)
             if self.options.stability or edge.pads is not None
             else None,
         )
+
+    def _by_arc_length(
+        self, edge: Borders, here: Equilibrium, goal: StepLoads, fraction: float
+    ) -> tuple[Equilibrium, bool, float, End]:
+        """Carry on where load steps ended: the state, whether under `goal`, the share carried."""
+        try:
+            here, share, snaps = carried_on(self, edge, here, goal)
+        except FactorError:
+            return here, False, fraction, End.LOST
+        end = End.SNAP if snaps else End.CARRIED
+        return here, share == 1.0, fraction + share * (1.0 - fraction), end
 
     def _pressed_home(
         self, edge: Borders, loads: StepLoads, here: Equilibrium
@@ -157,11 +163,6 @@ class EquilibriumSolver(StepSolver):
         )
         columns = self.respond(state, edge, edge.push)
         return columns.reshape(-1, 3, columns.shape[1]), edge.measure.T @ columns
-
-    def respond(self, state: Equilibrium, edge: Borders, loads: Array) -> Array:
-        """Displacements (N, k) per unit of the loads (N, k), by the tangent at `state`."""
-        system = self.system(self.model.tangent(state.positions), edge)
-        return system.solve(loads)[0]
 
     def _solve_linear(self, case: LoadCase) -> Equilibrium:
         edge = borders(self.model, case)

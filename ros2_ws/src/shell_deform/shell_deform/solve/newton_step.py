@@ -82,6 +82,29 @@ class StepSolver:
         """The factorised system of a tangent: sparse stiffness and all borders of a load case."""
         return bordered(self.model, tangent, edge, self.factor)
 
+    def rest(self) -> Equilibrium:
+        """The undeformed state, as a start."""
+        empty = np.zeros(0)
+        return Equilibrium(
+            True,
+            '',
+            self.model.rest,
+            empty,
+            empty,
+            empty,
+            np.zeros(6),
+            0.0,
+            self.model.gas.gauge_pressure if self.model.gas.is_sealed else 0.0,
+            0.0,
+            0,
+            0,
+        )
+
+    def respond(self, state: Equilibrium, edge: Borders, loads: Array) -> Array:
+        """Displacements (N, k) per unit of the loads (N, k), by the tangent at `state`."""
+        system = self.system(self.model.tangent(state.positions), edge)
+        return system.solve(loads)[0]
+
     def step(
         self,
         edge: Borders,

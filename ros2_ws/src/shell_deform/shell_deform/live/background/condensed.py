@@ -24,7 +24,7 @@ from shell_deform.factor.analysis import Factor
 from shell_deform.factor.bordered import BorderedFactor
 from shell_deform.model import ShellModel, Tangent, diagonal_entry
 from shell_deform.solve.newton import EquilibriumSolver
-from shell_deform.supports import free_rigid_modes
+from shell_deform.supports import GRIP_TOLERANCE, free_rigid_modes
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,8 @@ def contact_rows(model: ShellModel, patches: tuple[ContactPatch, ...]) -> Contac
         push[:, i] = patch.force_pattern(patch.axis).reshape(-1)
         measure[:, i] = patch.displacement_row().reshape(-1)
         held[:, HELD_ROWS * i : HELD_ROWS * (i + 1)] = patch.held_rows().reshape(HELD_ROWS, -1).T
-    return ContactRows(push, measure, held, free_rigid_modes(model.free_modes, held))
+    left = free_rigid_modes(model.free_modes, held, GRIP_TOLERANCE)
+    return ContactRows(push, measure, held, left)
 
 
 @dataclass(frozen=True)

@@ -61,8 +61,9 @@ bags: setup  ## the recordings again, from the kept solid solutions
 pictures: setup  ## the pictures of README and docs again
 	@$(BIN)/python -m docs.make_pictures
 
-tables: setup  ## the parameter tables of the package READMEs again
+tables: setup  ## the parameter tables of the package READMEs and the picture of the rooms again
 	@$(BIN)/python -m docs.parameter_tables
+	@$(BIN)/python -m docs.rooms
 
 lock:  ## compile the locked requirements again (needs uv)
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-emit-find-links --no-header requirements/requirements.in -o requirements/lock.txt

@@ -14,9 +14,10 @@ from grasp_replay.recording import Recording, in_object_frame
 from grasp_replay.theories import TheorySet
 from shell_deform.live.background.condensed import contact_rows
 from shell_deform.live.background.contact_tracking import ContactTracker, Touch
+from shell_deform.live.background.small_loads import SmallLoads, small_loads
 from shell_deform.live.background.tracking import EquilibriumTracker
 from shell_deform.live.pose import IDENTITY, Pose
-from shell_deform.live.tick.linearity import SmallLoads, linear_error, small_loads
+from shell_deform.live.tick.linearity import linear_error
 from shell_deform.live.tick.sample import ContactSample, SampleError
 
 Array = NDArray[np.float64]

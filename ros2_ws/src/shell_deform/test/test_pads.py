@@ -54,7 +54,9 @@ def test_force_and_depth_control_meet(squeezed):
 def test_pads_never_pull_and_hardly_sink_in(squeezed):
     model, contacts, solver = squeezed
     state = solver.solve(displaced(contacts, [3e-3, 3e-3]))
-    field = pad_field(model, {0: contacts[0].pad, 1: contacts[1].pad}, np.ones(2, bool))
+    field = pad_field(
+        model.shell, model.surface, {0: contacts[0].pad, 1: contacts[1].pad}, np.ones(2, bool)
+    )
     points = field.matrix @ state.positions
     for contact in contacts:
         clear = gap(contact.pad, 3e-3, points).value - 0.5 * model.shell.thickness
@@ -131,7 +133,7 @@ def test_tangent_of_a_pad_is_the_complex_step_of_its_push(squeezed, curvature, r
     model, contacts, solver = squeezed
     state = solver.solve(displaced(contacts, [2e-3, 2e-3]))
     pad = replace(contacts[0].pad, curvature=curvature, radius=radius)
-    forced_pad = pad_field(model, {0: pad}, np.array([False]))
+    forced_pad = pad_field(model.shell, model.surface, {0: pad}, np.array([False]))
     random = np.random.default_rng(1)
     field = replace(
         forced_pad, multipliers=1e3 * random.uniform(size=(1, len(model.shell.weights)))

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from shell_deform.assemble.discretisation import Discretisation
 from shell_deform.contact.pads import Pad, gap
-from shell_deform.model import ShellModel, Tangent
-from shell_deform.solve.equilibrium import Equilibrium
+from shell_deform.surface.limit import LimitSurface
 
 Array = NDArray[np.float64]
 
@@ -154,16 +153,6 @@ class PadField:
             missing,
         )
 
-    def seen(self, state: Equilibrium, press: Press) -> Equilibrium:
-        """The state with the pads' forces, depths and nodal loads."""
-        force, depth = state.force.copy(), state.displacement.copy()
-        force[self.contacts], depth[self.contacts] = (
-            press.force[self.contacts],
-            press.depth[self.contacts],
-        )
-        load = -press.gradient.reshape(-1)
-        return replace(state, force=force, displacement=depth, pad_load=load)
-
     def augmented(self, press: Press, stiffer: float = 1.0) -> PadField:
         """The field whose multipliers are the pressures found, `stiffer` times as stiff."""
         return replace(self, multipliers=press.pressure, stiffness=stiffer * self.stiffness)
@@ -171,19 +160,6 @@ class PadField:
     def penetration(self, press: Press) -> float:
         """How far [m] the multipliers are from the pressures: what augmenting would move."""
         return float(np.max(np.abs(press.pressure - self.multipliers) / self.stiffness))
-
-    def pressed(self, tangent: Tangent, press: Press) -> Tangent:
-        """The shell's tangent with the pads' part."""
-        data = tangent.stiffness.data.copy()
-        add_point_blocks(self.shell, press.stiffness, data)
-        return replace(
-            tangent,
-            energy=tangent.energy + press.energy,
-            gradient=tangent.gradient + press.gradient.reshape(-1),
-            stiffness=self.shell.pattern.matrix(data),
-            pad_rows=press.rows,
-            pad_corner=press.corner,
-        )
 
     def _pressure(self, k: int, clear: Array) -> Array:
         return np.maximum(0.0, self.multipliers[k] - self.stiffness * clear)
@@ -233,25 +209,28 @@ class PadField:
 
 
 def pad_field(
-    model: ShellModel, pads: dict[int, Pad], driven: NDArray[np.bool_]
+    shell: Discretisation,
+    surface: LimitSurface,
+    pads: dict[int, Pad],
+    driven: NDArray[np.bool_],
 ) -> PadField | None:
-    """Pads by contact number against the shell of `model`, without pressure yet.
+    """Pads by contact number against a shell on its limit surface, without pressure yet.
 
     `driven`: for all contacts, whether the displacement is prescribed. None without pads.
     """
     if not pads:
         return None
     contacts = np.array(sorted(pads), dtype=np.int64)
-    shell = model.shell
+    rest = shell.mesh.vertices
     matrix = shell.value_matrix()
     area = np.maximum(np.asarray(matrix.T @ shell.weights), 1e-30)
-    normals = model.surface.vertex_normals(model.rest)
+    normals = surface.vertex_normals(rest)
     size = len(normals)
     outward = sp.csr_matrix(
         (normals.ravel(), np.arange(3 * size), np.arange(0, 3 * size + 1, 3)),
         shape=(size, 3 * size),
     )
-    values = shell.tangent('koiter', model.rest)[2]
+    values = shell.tangent('koiter', rest)[2]
     own = (outward @ shell.pattern.matrix(values) @ outward.T).diagonal()
     stiffness = FIRST_STIFFNESS * np.asarray(matrix @ (np.maximum(own, 0.0) / area))
     return PadField(

@@ -23,6 +23,10 @@ MAX_INPUTS = 3 * MAX_CONTACTS + MAX_RIGID + 1
 MAX_PAIRS = MAX_CONTACTS * (MAX_CONTACTS + 1) // 2
 SLOTS = 4
 
+DRIVE_FORCE = 0
+DRIVE_CODES = {'force': DRIVE_FORCE, 'motion': 1, 'fused': 2}
+"""What a load case goes by: field `drive` of a request."""
+
 TOUCH = np.dtype(
     [
         ('finger', '<i8'),

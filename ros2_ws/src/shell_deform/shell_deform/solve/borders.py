@@ -91,7 +91,7 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
         dead=dead.reshape(-1),
         driven=driven,
         loose=loose,
-        pads=pad_field(model, pads, case.driven),
+        pads=pad_field(model.shell, model.surface, pads, case.driven),
     )
 
 

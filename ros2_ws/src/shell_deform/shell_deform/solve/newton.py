@@ -16,6 +16,7 @@ from shell_deform.solve.borders import Borders, borders, negative_directions
 from shell_deform.solve.continuation import carried_on
 from shell_deform.solve.equilibrium import End, Equilibrium, LoadCase, PathState
 from shell_deform.solve.newton_step import NewtonOptions, StepSolver
+from shell_deform.solve.pads import pressed_tangent
 from shell_deform.solve.prediction import StepLoads, control_of, predicted
 from shell_deform.theory import THEORIES
 
@@ -212,5 +213,5 @@ class EquilibriumSolver(StepSolver):
         tangent = self.model.tangent(state.positions)
         if edge.pads is not None:
             press = edge.pads.press(state.positions, state.displacement, state.force)
-            tangent = edge.pads.pressed(tangent, press)
+            tangent = pressed_tangent(tangent, edge.pads, press)
         return negative_directions(self.system(tangent, symmetric), symmetric)

@@ -24,6 +24,7 @@ from shell_deform.factor.bordered import BorderedFactor
 from shell_deform.model import ShellModel, Tangent
 from shell_deform.solve.borders import Borders, bordered
 from shell_deform.solve.equilibrium import Equilibrium
+from shell_deform.solve.pads import pressed_state, pressed_tangent
 from shell_deform.solve.prediction import StepLoads
 
 Array = NDArray[np.float64]
@@ -140,7 +141,7 @@ class StepSolver:
                     break
                 tangent = model.tangent(positions, loads.target, free.reshape(-1, 3))
                 if pads is not None and press is not None:
-                    tangent, pressed = pads.pressed(tangent, press), press
+                    tangent, pressed = pressed_tangent(tangent, pads, press), press
                 if not np.all(np.isfinite(tangent.gradient)):
                     message = 'the surface folded onto itself'
                     break
@@ -208,7 +209,9 @@ class StepSolver:
                     dead_load=dead,
                     support_target=loads.target,
                 )
-                return state if pads is None or press is None else pads.seen(state, press)
+                return (
+                    state if pads is None or press is None else pressed_state(state, pads, press)
+                )
             if not np.isfinite(residual):
                 message = 'the surface folded onto itself'
                 break

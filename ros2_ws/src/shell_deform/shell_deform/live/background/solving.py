@@ -15,11 +15,10 @@ from shell_deform.live.background.contact_tracking import ContactTracker, Touch
 from shell_deform.live.background.energy_density import EnergyDensity
 from shell_deform.live.background.load_case import Load
 from shell_deform.live.background.placement import Placement, place
+from shell_deform.live.background.small_loads import SmallLoads, small_loads
 from shell_deform.live.background.tracking import EquilibriumTracker, Target, TrackingOptions
-from shell_deform.live.exchange import MAX_CONTACTS, MAX_RIGID, Slot
+from shell_deform.live.exchange import DRIVE_FORCE, MAX_CONTACTS, MAX_RIGID, Slot
 from shell_deform.live.pose import IDENTITY, Pose
-from shell_deform.live.tick.linearity import SmallLoads, small_loads
-from shell_deform.live.tick.load_request import DRIVE_FORCE
 from shell_deform.model import ShellModel
 
 Array = NDArray[np.float64]

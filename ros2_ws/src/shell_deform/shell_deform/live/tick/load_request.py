@@ -6,16 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shell_deform.live.exchange import MAX_CONTACTS
+from shell_deform.live.exchange import DRIVE_CODES, MAX_CONTACTS
 from shell_deform.live.pose import Pose
 from shell_deform.live.tick.sample import ContactSample
 
 if TYPE_CHECKING:
     from shell_deform.live.tick.adopted import Adopted
     from shell_deform.live.tick.fusion import Posterior
-
-DRIVE_FORCE = 0
-DRIVE_CODES = {'force': DRIVE_FORCE, 'motion': 1, 'fused': 2}
 
 
 def write_load(

@@ -28,7 +28,7 @@ from figures import Row, show
 
 from barrett_hand_bridge.commands import hand_calibrate
 from barrett_hand_bridge.gcl.driver import SerialHand
-from barrett_hand_bridge.gcl.line import open_port
+from barrett_hand_bridge.gcl.port import open_port
 from barrett_hand_bridge.hand import HandError
 from barrett_hand_bridge.kinematics import HandGeometry, finger_frames
 from barrett_hand_bridge.puck.bus import open_bus

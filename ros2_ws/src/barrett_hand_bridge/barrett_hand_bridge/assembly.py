@@ -12,13 +12,14 @@ from barrett_hand_bridge.calibration import (
     read_calibration,
 )
 from barrett_hand_bridge.gcl.driver import LATE_PERIODS, SerialHand
-from barrett_hand_bridge.gcl.line import open_port
+from barrett_hand_bridge.gcl.port import PortName, open_port
 from barrett_hand_bridge.hand import FINGERS, Hand, HandFacts
 from barrett_hand_bridge.kinematics import HandGeometry, Pin
 from barrett_hand_bridge.motion import CloseSettings
 from barrett_hand_bridge.observer import HandObserver, ObserverSettings
 from barrett_hand_bridge.puck.bus import open_bus
 from barrett_hand_bridge.puck.driver import LATE_S, CanHand
+from barrett_hand_bridge.puck.frames import HandAddresses
 from barrett_hand_bridge.stop_guard import guard_can, guard_serial
 from barrett_hand_bridge.zero import DRIFT_8_BIT, DRIFT_12_BIT
 
@@ -68,16 +69,23 @@ def make_hand(
     period_s = values['poll_period']
     late_s = NEVER_S if simulated_time else LATE_PERIODS * period_s if period_s > 0.0 else None
     if values['backend'] == 'can':
+        first, second, third, spread = values['can_nodes']
         return CanHand(
             lambda: open_bus(values['interface'], values['channel'], values['can_port']),
             clock_ns=clock_ns,
             touch=values['touch'],
+            addresses=HandAddresses((first, second, third, spread), values['can_group']),
+            inner_encoders=values['inner_encoders'],
+            motor_torque=values['motor_torque'],
             prefetch=period_s == 0.0,
             late_s=LATE_S if late_s is None else max(late_s, LATE_S),
-            guard=lambda: guard_can(values['interface'], values['channel'], values['can_port']),
+            guard=lambda: guard_can(
+                values['interface'], values['channel'], values['can_port'], values['can_nodes']
+            ),
         )
+    name = PortName(port)
     return SerialHand(
-        lambda: open_port(port),
+        lambda: open_port(name.now()),
         clock_ns=clock_ns,
         baud=values['baud'],
         servo_sample_s=values['servo_sample_time'],

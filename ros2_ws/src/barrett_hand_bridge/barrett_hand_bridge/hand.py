@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 FINGERS = (1, 2, 3)
@@ -37,7 +37,11 @@ ENCODER_280 = EncoderScale(math.radians(140.0) / 199111.1, math.pi / 35840.0)
 
 @dataclass(frozen=True)
 class HandFacts:
-    """What a hand says about itself when it is connected."""
+    """What a hand says about itself when it is connected.
+
+    `speed_step_rad_s`: the slowest speed of joint 2, and the step of all; `warnings`: what it
+    lacks, a sentence each; `settings`: what was read from it, for diagnostics.
+    """
 
     model: str
     firmware: str
@@ -45,6 +49,9 @@ class HandFacts:
     encoder: EncoderScale
     highest_gauge_count: int
     ceiling_hz: float
+    speed_step_rad_s: float = 0.0
+    warnings: tuple[str, ...] = ()
+    settings: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -56,7 +63,9 @@ class HandSample:
     encoders where the hand has them; `breakaway_counts` is the motor position at which a finger's
     clutch let go, None while it holds. `strain_limits`: HSG, the reading at which the hand itself
     acts, None where there is none. `relieving`: the finger drives itself back to protect its
-    gauge. `tactile_n_per_cm2`: 24 cells per finger (and 4 = palm).
+    gauge. `tactile_n_per_cm2`: 24 cells per finger (and 4 = palm). `clutch_open`: the finger broke
+    away, None where the hand does not tell. `motors`: what motor controllers say of themselves, by
+    motor and by the name of the property, as they give it.
     """
 
     stamp_ns: int
@@ -69,6 +78,8 @@ class HandSample:
     strain_limits: tuple[int | None, int | None, int | None] = (None, None, None)
     relieving: tuple[bool, bool, bool] = (False, False, False)
     tactile_n_per_cm2: Mapping[int, tuple[float, ...]] | None = None
+    clutch_open: tuple[bool | None, bool | None, bool | None] = (None, None, None)
+    motors: Mapping[int, Mapping[str, int]] = field(default_factory=dict)
 
 
 class Guard(Protocol):
@@ -76,6 +87,9 @@ class Guard(Protocol):
 
     def dismiss(self) -> None:
         """No longer needed."""
+
+    def watch(self) -> bool:
+        """Whether it had died and was started again; to be asked now and then."""
 
 
 class Hand(Protocol):
@@ -98,6 +112,12 @@ class Hand(Protocol):
 
     def limit_force(self, counts: Mapping[int, int | None]) -> None:
         """Set the hand's own strain limit per finger in counts (None: no limit)."""
+
+    def tare_touch(self) -> None:
+        """Take what the touch cells feel now as nothing, where the hand has any."""
+
+    def watch_guard(self) -> bool:
+        """Whether the stop guard had died and was started again."""
 
     def stop(self) -> None:
         """Stop all motors."""

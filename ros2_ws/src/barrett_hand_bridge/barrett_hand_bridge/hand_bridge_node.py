@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future
+from functools import partial
 from typing import Any
 
 import rclpy
@@ -34,6 +35,7 @@ from barrett_hand_bridge.worker import (
     Connected,
     Disturbed,
     Event,
+    GuardRestarted,
     HandWorker,
     Late,
     Lost,
@@ -65,6 +67,7 @@ class HandBridge(LifecycleNode):
         self._health = Health()
         self._arm: ArmPose | None = None
         self._active = False
+        self._starting = False
 
     def values(self) -> dict[str, Any]:
         """All parameter values by name, arrays as lists."""
@@ -94,12 +97,15 @@ class HandBridge(LifecycleNode):
             self._release()
             return TransitionCallbackReturn.FAILURE
         self._values = values
-        self._health = Health(calibration=self._calibration)
+        # What it is about to do by itself is no reason to warn.
+        self._starting = bool(values['initialize_on_start'])
+        self._health = Health(calibration=self._calibration, hottest_c=values['hottest'])
         self._worker = HandWorker(
             hand,
             self._make_observer,
             self._tell,
             paced_by_ticks=values['poll_period'] > 0.0,
+            hottest_c=values['hottest'],
         )
         self._make_interfaces(self._worker)
         where = (
@@ -220,6 +226,9 @@ class HandBridge(LifecycleNode):
                 self._health.disturbances += 1
                 self.get_logger().warning(event.reason)
                 self._on_stale()
+            elif isinstance(event, GuardRestarted):
+                self._health.guard_restarts += 1
+                self.get_logger().warning('the stop guard had died: started again')
 
     def _on_connected(self, event: Connected) -> None:
         self._health.facts = event.facts
@@ -235,20 +244,22 @@ class HandBridge(LifecycleNode):
             f'{word}connected to a {facts.model}, firmware {facts.firmware}, number '
             f'{facts.serial_number}; up to {facts.ceiling_hz:.0f} cycles per second'
         )
+        for text in facts.warnings:
+            self.get_logger().warning(text)
         assert self._worker is not None
         if not event.again:
-            if self._values['initialize_on_start']:
-                self._worker.submit('initialize')
-            if self._values['tare_on_start']:
-                self._worker.submit('tare').add_done_callback(self._report_tare)
+            for kind in ('initialize', 'tare'):
+                if self._values[f'{kind}_on_start']:
+                    self._worker.submit(kind).add_done_callback(partial(self._report, kind))
 
-    def _report_tare(self, future: Future[Outcome]) -> None:
+    def _report(self, kind: str, future: Future[Outcome]) -> None:
         outcome = future.result()
+        self._starting = False
         # One call, one severity: rclpy refuses a call site that changes it.
         if outcome.success:
-            self.get_logger().info(f'tare: {outcome.message}')
+            self.get_logger().info(f'{kind}: {outcome.message}')
         else:
-            self.get_logger().warning(f'tare: {outcome.message}')
+            self.get_logger().warning(f'{kind}: {outcome.message}')
 
     def _on_lost(self, reason: str) -> None:
         if self._health.facts is None and not self._values['wait_for_hand']:
@@ -262,7 +273,10 @@ class HandBridge(LifecycleNode):
 
     def _on_not_ready(self, reason: str) -> None:
         if self._health.state is not LinkState.NOT_INITIALISED:
-            self.get_logger().warning(reason)
+            if self._starting:
+                self.get_logger().info('initialising the hand: its fingers move')
+            else:
+                self.get_logger().warning(reason)
             self._on_stale()
         self._set_state(LinkState.NOT_INITIALISED, reason)
 

@@ -21,6 +21,16 @@ from barrett_hand_bridge.statistics import Delays, Rate
 HOT_C = 56.0
 # A finger gives way for some hundredths of a second: it is told for longer than that.
 RELIEF_SHOWN_S = 5.0
+# A cycle takes milliseconds; a driver that says nothing for so long stands.
+SILENT_S = 1.0
+PROPERTY_NAMES = {
+    'TEMP': 'controller (degrees Celsius, TEMP)',
+    'THERM': 'winding (degrees Celsius, THERM)',
+    'VBUS': 'supply (VBUS)',
+    'IMOTOR': 'current (IMOTOR)',
+    'MODE': 'mode (MODE)',
+    'ERROR': 'error word (ERROR)',
+}
 
 
 class Level(Enum):
@@ -51,17 +61,21 @@ class Health:
     losses: int = 0
     lates: int = 0
     disturbances: int = 0
+    guard_restarts: int = 0
+    hottest_c: float = math.inf
     facts: HandFacts | None = None
     calibration: HandCalibration | None = None
     rate: Rate = field(default_factory=Rate)
     delays: Delays = field(default_factory=Delays)
     reliefs: dict[int, int] = field(default_factory=lambda: dict.fromkeys(FINGERS, 0))
+    _last_s: float = -math.inf
     _relieving: tuple[bool, bool, bool] = (False, False, False)
     _relieved_s: dict[int, float] = field(default_factory=dict)
 
     def take(self, sample: HandSample, time_s: float) -> None:
         """Count a cycle, and the fingers that begin to give way by themselves in it."""
         self.rate.count(time_s)
+        self._last_s = time_s
         for index, finger in enumerate(FINGERS):
             if sample.relieving[index]:
                 self._relieved_s[finger] = time_s
@@ -78,12 +92,19 @@ class Health:
             return Level.WARN, self.reason
         if observation is None or sample is None:
             return Level.STALE, 'no cycle yet'
+        silent_s = time_s - self._last_s
+        if silent_s > SILENT_S:
+            return Level.STALE, f'no cycle for {silent_s:.1f} s: the driver or its clock stands'
         for finger, relieved_s in self._relieved_s.items():
             if time_s - relieved_s < RELIEF_SHOWN_S:
                 return (
                     Level.ERROR,
                     f'finger {finger} protects its gauge and gives way by itself',
                 )
+        if sample.temperature_c is not None and sample.temperature_c >= self.hottest_c:
+            return Level.ERROR, (
+                f'a motor is {sample.temperature_c:.0f} degrees Celsius hot: holding has ended'
+            )
         if sample.temperature_c is not None and sample.temperature_c > HOT_C:
             return Level.ERROR, f'the hand is {sample.temperature_c:.0f} degrees Celsius hot'
         return _judge_fingers(observation)
@@ -107,13 +128,23 @@ class Health:
             'late cycles': str(self.lates),
             'resynchronisations': str(self.disturbances),
         }
+        values['stop guard restarted (times)'] = str(self.guard_restarts)
         if self.facts is not None:
             values['link ceiling (cycles per second)'] = f'{self.facts.ceiling_hz:.1f}'
             values['firmware'] = self.facts.firmware
+            values['slowest speed of joint 2 and its step (rad/s)'] = (
+                f'{self.facts.speed_step_rad_s:.4f}'
+            )
+            values |= self.facts.settings
+            values |= {
+                f'limitation {number}': text
+                for number, text in enumerate(self.facts.warnings, start=1)
+            }
         if self.calibration is not None:
             values['calibration'] = self.calibration.source
         if sample is not None and sample.temperature_c is not None:
             values['temperature (degrees Celsius)'] = f'{sample.temperature_c:.1f}'
+            values['holding ends at (degrees Celsius)'] = f'{self.hottest_c:g}'
         for finger, times in self.reliefs.items():
             if times:
                 values[f'finger {finger} gave way by itself (times)'] = str(times)
@@ -121,6 +152,8 @@ class Health:
             for finger, limit in zip(FINGERS, sample.strain_limits, strict=True):
                 shown = 'none' if limit is None else str(limit)
                 values[f'finger {finger} strain limit HSG (counts)'] = shown
+        if sample is not None:
+            values |= _motor_values(sample)
         if observation is not None:
             values |= _finger_values(observation, observer)
         return values
@@ -152,6 +185,19 @@ def _judge_fingers(observation: Observation) -> tuple[Level, str]:
         if reading.contact.flags & FLAG_CONTACT
     ]
     return Level.OK, f'fingers in contact: {", ".join(touching)}' if touching else 'free'
+
+
+def _motor_values(sample: HandSample) -> dict[str, str]:
+    """What each motor controller says of itself, and which finger broke away."""
+    values = {
+        f'motor {motor} {PROPERTY_NAMES.get(name, name)}': str(value)
+        for motor, properties in sample.motors.items()
+        for name, value in properties.items()
+    }
+    for finger, loose in zip(FINGERS, sample.clutch_open, strict=True):
+        if loose is not None:
+            values[f'finger {finger} broke away'] = 'yes' if loose else 'no'
+    return values
 
 
 def _finger_values(observation: Observation, observer: HandObserver | None) -> dict[str, str]:

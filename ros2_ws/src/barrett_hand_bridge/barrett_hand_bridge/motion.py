@@ -18,6 +18,8 @@ from barrett_hand_bridge.observer import Observation
 FINGER_TRAVEL_RAD = math.radians(140.0)
 AT_REST_RAD = math.radians(0.05)
 STALL_S = 1.0
+# From the command to stand until the force is read: prefetched cycles obey one cycle later.
+SETTLE_S = 0.15
 LIMIT_OVER_FORCE = 1.15
 # What the weight of an outer link can add to its gauge.
 WEIGHT_NM = 0.03
@@ -43,6 +45,20 @@ class Motion(Protocol):
 
     def limit_nm(self, observation: Observation) -> float:
         """Gauge torque at which the hand itself should stop closing, whatever we say."""
+
+    def speeds(self) -> Mapping[str, float]:
+        """The constant speeds it runs at, in rad/s by the parameter that says so."""
+
+
+def slower_than_hand(speeds: Mapping[str, float], step_rad_s: float) -> str:
+    """Why a hand with that step of speed cannot run at one of `speeds`; empty when it can."""
+    for name, speed in speeds.items():
+        if speed < step_rad_s:
+            return (
+                f'parameter {name} is {speed:g} rad/s, this hand knows no speed between 0 and '
+                f'{step_rad_s:.4f} rad/s: set at least that'
+            )
+    return ''
 
 
 def joint_position(observation: Observation, motor: int) -> float:
@@ -96,6 +112,10 @@ class Opening:
         """See `Motion`: opening needs none of its own."""
         return math.inf
 
+    def speeds(self) -> Mapping[str, float]:
+        """See `Motion`."""
+        return {'open_speed': self._speed}
+
 
 @dataclass(frozen=True)
 class CloseSettings:
@@ -119,6 +139,7 @@ class Closing:
         self._fingers = tuple(fingers)
         self._settings = settings
         self._arrived: set[int] = set()
+        self._standing_s: float | None = None
         self._watch = _StallWatch()
 
     def step(self, observation: Observation, time_s: float) -> Mapping[int, float] | MotionResult:
@@ -144,14 +165,23 @@ class Closing:
             touching = touching or bool(flags & FLAG_CONTACT)
         left = [finger for finger in self._fingers if finger not in self._arrived]
         if not left:
-            return MotionResult(True, f'closed at {s.force_n:g} N')
+            # What the gauge shows when the motors stand is the answer: a late process overshoots.
+            if self._standing_s is None:
+                self._standing_s = time_s
+            if time_s - self._standing_s < SETTLE_S:
+                return {}
+            return MotionResult(
+                True, f'closed, {self._forces(observation)}; {s.force_n:g} N were asked for'
+            )
         ended = [
             f for f in left if joint_position(observation, f) > FINGER_TRAVEL_RAD - AT_REST_RAD
         ]
         if ended or self._watch.stalled(observation, left, time_s):
             names = ', '.join(str(finger) for finger in (ended or left))
             return MotionResult(
-                False, f'finger {names} does not close further, {s.force_n:g} N not reached'
+                False,
+                f'finger {names} does not close further, {s.force_n:g} N not reached: '
+                f'{self._forces(observation)}',
             )
         return dict.fromkeys(left, s.squeeze_rad_s if touching else s.approach_rad_s)
 
@@ -160,6 +190,19 @@ class Closing:
         arm = max(observation.fingers[finger].arm_m for finger in self._fingers)
         wanted = LIMIT_OVER_FORCE * self._settings.force_n * max(arm, 0.0) + WEIGHT_NM
         return min(wanted, self._settings.torque_limit_nm)
+
+    def speeds(self) -> Mapping[str, float]:
+        """See `Motion`."""
+        s = self._settings
+        return {'approach_speed': s.approach_rad_s, 'squeeze_speed': s.squeeze_rad_s}
+
+    def _forces(self, observation: Observation) -> str:
+        """What the gauges say now, per finger."""
+        contacts = {finger: observation.fingers[finger].contact for finger in self._fingers}
+        return ', '.join(
+            f'finger {finger} {float(contact.force @ contact.normal):.2f} N'
+            for finger, contact in contacts.items()
+        )
 
 
 @dataclass(frozen=True)
@@ -239,6 +282,10 @@ class Following:
     def limit_nm(self, observation: Observation) -> float:
         """See `Motion`."""
         return self._torque_limit
+
+    def speeds(self) -> Mapping[str, float]:
+        """See `Motion`: it may stand still on its way."""
+        return {}
 
     def _fastest_start(self, position: Mapping[int, float]) -> str | None:
         first = self._points[0]

@@ -43,11 +43,51 @@ PARAMETERS: tuple[Parameter, ...] = (
         'started by the node itself',
         choices=('serial', 'can', 'emulator'),
     ),
-    Parameter('port', '/dev/ttyUSB0', 'serial port of the hand'),
+    Parameter(
+        'port',
+        '/dev/ttyUSB0',
+        'serial port of the hand; a name in /dev/serial/by-id stays when it is plugged in again',
+    ),
     Parameter('baud', 38400, 'line speed (bit/s): 9600, 19200 or 38400', 9600, 38400),
     Parameter('interface', 'socketcan', 'python-can interface of the CAN bus'),
     Parameter('channel', 'can0', 'python-can channel of the CAN bus'),
     Parameter('can_port', 43113, 'UDP port when interface is udp_multicast', 1024, 65535),
+    Parameter(
+        'can_nodes',
+        [11, 12, 13, 14],
+        'nodes of fingers 1, 2, 3 and the spread of a BH8-280, for two hands on one bus',
+        1,
+        31,
+        length=4,
+    ),
+    Parameter(
+        'can_group',
+        5,
+        'group of the four motors of a BH8-280: 5, or from 13 on another one for each further '
+        'hand on the bus',
+        5,
+        31,
+    ),
+    Parameter(
+        'inner_encoders',
+        True,
+        'believe the inner-link encoders of a BH8-280; false where they do not work',
+    ),
+    Parameter(
+        'motor_torque',
+        2200,
+        'MT, highest torque of a motor of a BH8-280 in its own units; bounds every squeeze, also '
+        'when this process is late',
+        100,
+        5000,
+    ),
+    Parameter(
+        'hottest',
+        65.0,
+        'temperature of a motor or its controller at which holding and moving end (degrees C)',
+        40.0,
+        80.0,
+    ),
     Parameter(
         'touch',
         'none',
@@ -238,6 +278,13 @@ def check_all(values: Mapping[str, Any]) -> None:
     """
     for name, value in values.items():
         check(name, value)
+    if not 13 <= values['can_group'] <= 31 and values['can_group'] != 5:
+        raise ParameterError(
+            f'parameter can_group is {values["can_group"]}, must be 5 or 13 to 31: the others '
+            'belong to the arm and to answers'
+        )
+    if len(set(values['can_nodes'])) != 4:
+        raise ParameterError(f'parameter can_nodes is {values["can_nodes"]}: one node per motor')
     gravity = values['gravity']
     size = math.sqrt(sum(g * g for g in gravity))
     if size > 1e-9 and abs(size - 1.0) > 1e-3:

@@ -2,7 +2,8 @@
 
 It waits on a pipe from the bridge. A word of farewell means that all is well; an end without it
 means that the bridge was killed, and the guard then stops the motors: Ctrl-C on the serial line
-(whose open port it inherits), all motors idle on the CAN bus (which it opens only then).
+(whose open port it inherits), all motors idle on the CAN bus (which it opens only then). A guard
+that dies itself is started again by whoever asks for it (`watch`).
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 
 FAREWELL = b'done'
 STOP_SERIAL = b'\x03'
@@ -20,12 +22,26 @@ class StopGuard:
 
     def __init__(self, arguments: list[str], inherited: tuple[int, ...] = ()) -> None:
         """Start it; `inherited` file descriptors stay open in it."""
-        self._process = subprocess.Popen(
-            [sys.executable, '-m', 'barrett_hand_bridge.stop_guard', *arguments],
+        self._arguments = arguments
+        self._inherited = inherited
+        self._process = self._started()
+
+    def _started(self) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(
+            [sys.executable, '-m', 'barrett_hand_bridge.stop_guard', *self._arguments],
             stdin=subprocess.PIPE,
-            pass_fds=inherited,
+            pass_fds=self._inherited,
             start_new_session=True,
         )
+
+    def watch(self) -> bool:
+        """Start it again if it is gone; returns whether it was."""
+        if self._process.poll() is None:
+            return False
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        self._process = self._started()
+        return True
 
     def dismiss(self) -> None:
         """The bridge has stopped the hand itself: the guard leaves without a word."""
@@ -44,9 +60,11 @@ def guard_serial(descriptor: int) -> StopGuard:
     return StopGuard(['serial', str(descriptor)], (descriptor,))
 
 
-def guard_can(interface: str, channel: str, port: int) -> StopGuard:
-    """Guard a hand on a CAN bus."""
-    return StopGuard(['can', interface, channel, str(port)])
+def guard_can(
+    interface: str, channel: str, port: int, nodes: Sequence[int] = (11, 12, 13, 14)
+) -> StopGuard:
+    """Guard a hand on a CAN bus, by the nodes of its four motors."""
+    return StopGuard(['can', interface, channel, str(port), *map(str, nodes)])
 
 
 def main(arguments: list[str]) -> int:
@@ -58,9 +76,13 @@ def main(arguments: list[str]) -> int:
         return 0
     from barrett_hand_bridge.puck.bus import open_bus
     from barrett_hand_bridge.puck.driver import CanHand
+    from barrett_hand_bridge.puck.frames import HandAddresses
 
-    _, interface, channel, port = arguments
-    CanHand.stop_all(open_bus(interface, channel, int(port)))
+    _, interface, channel, port, *nodes = arguments
+    first, second, third, spread = map(int, nodes)
+    CanHand.stop_all(
+        open_bus(interface, channel, int(port)), HandAddresses((first, second, third, spread))
+    )
     return 0
 
 

@@ -7,6 +7,7 @@ a motion runs; a lost link, a refused cycle, `stop` and the end of the thread en
 from __future__ import annotations
 
 import contextlib
+import math
 import queue
 import threading
 import time
@@ -22,7 +23,7 @@ from barrett_hand_bridge.hand import (
     HandNotInitialisedError,
     HandSample,
 )
-from barrett_hand_bridge.motion import Motion, MotionResult
+from barrett_hand_bridge.motion import Motion, MotionResult, slower_than_hand
 from barrett_hand_bridge.observer import HandObserver, Observation
 from barrett_hand_bridge.tare import TARE_SAMPLES
 
@@ -32,6 +33,9 @@ NOT_READY_PERIOD_S = 0.25
 COMMAND_PERIOD_S = 0.02
 # So many cycles in a row may be disturbed before the link counts as lost.
 MOST_DISTURBANCES = 3
+# How often the stop guard is looked after, and how much cooler a hot hand must get.
+GUARD_PERIOD_S = 0.5
+COOLER_C = 5.0
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,12 @@ class Disturbed:
     reason: str
 
 
-Event = Connected | Observed | Late | Lost | NotReady | Disturbed
+@dataclass(frozen=True)
+class GuardRestarted:
+    """The process that stops the hand when the bridge dies had died itself."""
+
+
+Event = Connected | Observed | Late | Lost | NotReady | Disturbed | GuardRestarted
 
 
 @dataclass(frozen=True)
@@ -105,8 +114,13 @@ class HandWorker:
         tell: Callable[[Event], None],
         *,
         paced_by_ticks: bool = False,
+        hottest_c: float = math.inf,
     ) -> None:
-        """With `paced_by_ticks` each cycle waits for a call of `tick`; otherwise it runs free."""
+        """With `paced_by_ticks` each cycle waits for a call of `tick`; otherwise it runs free.
+
+        From `hottest_c` on nothing moves and nothing is held: the motors go idle, and the worm
+        gears of the fingers keep their position.
+        """
         self._hand = hand
         self._make_observer = make_observer
         self._tell = tell
@@ -126,6 +140,9 @@ class HandWorker:
         self._tare_samples: list[HandSample] = []
         self._failures = 0
         self._latest: Observation | None = None
+        self._hottest_c = hottest_c
+        self._hot = False
+        self._guard_seen_s = 0.0
         hand.late = self._on_late
 
     @property
@@ -167,10 +184,15 @@ class HandWorker:
     def _run(self) -> None:
         try:
             while not self._stopping.is_set():
-                if self._facts is None:
-                    self._connect()
-                else:
-                    self._turn()
+                try:
+                    if self._facts is None:
+                        self._connect()
+                    else:
+                        self._turn()
+                except Exception as error:
+                    # Nothing may leave a hand without its driver: stop, tell, look for it again.
+                    self._failed(HandError(f'internal error of the driver: {error!r}'))
+                    self._stopping.wait(LONGEST_WAIT_S if self._facts is None else FIRST_WAIT_S)
         finally:
             self._end_motion(False, 'the bridge is shutting down')
             with contextlib.suppress(HandError):
@@ -216,10 +238,40 @@ class HandWorker:
             self._failed(error)
             return
         self._failures = 0
+        self._watch_temperature(sample)
+        self._watch_guard()
         assert self._observer is not None
         self._latest = self._observer.observe(sample)
         self._tell(Observed(self._latest, sample, complete_ns))
         self._collect_tare(sample)
+
+    def _watch_guard(self) -> None:
+        now_s = time.monotonic()
+        if now_s - self._guard_seen_s > GUARD_PERIOD_S:
+            self._guard_seen_s = now_s
+            if self._hand.watch_guard():
+                self._tell(GuardRestarted())
+
+    def _watch_temperature(self, sample: HandSample) -> None:
+        """Let go at once when a motor gets too hot; nothing moves before it is cooler again."""
+        degrees = sample.temperature_c
+        if degrees is None:
+            return
+        if not self._hot and degrees >= self._hottest_c:
+            self._hot = True
+            self._end_motion(False, self._too_hot(degrees))
+            with contextlib.suppress(HandError):
+                # A lost link is found out by the next cycle.
+                self._hand.stop()
+        elif degrees < self._hottest_c - COOLER_C:
+            self._hot = False
+
+    def _too_hot(self, degrees: float | None) -> str:
+        now = '' if degrees is None else f' at {degrees:.0f} degrees C'
+        return (
+            f'stopped, a motor is too hot{now}: holding ends at {self._hottest_c:g} (parameter '
+            f'hottest), and nothing moves before it is {COOLER_C:g} degrees cooler'
+        )
 
     def _velocities(self) -> dict[int, float] | None:
         """Velocities for the next cycle; None when nothing is to be commanded."""
@@ -304,6 +356,13 @@ class HandWorker:
             return
         assert self._observer is not None
         assert command.motion is not None
+        assert self._facts is not None
+        refusal = slower_than_hand(command.motion.speeds(), self._facts.speed_step_rad_s)
+        if self._hot:
+            refusal = self._too_hot(None)
+        if refusal:
+            command.future.set_result(Outcome(False, refusal))
+            return
         limit_nm = command.motion.limit_nm(self._latest)
         self._hand.limit_force(self._observer.strain_limits(limit_nm))
         self._motion = command
@@ -332,4 +391,5 @@ class HandWorker:
         text = ', '.join(
             f'finger {finger} {zero.counts:.2f}' for finger, zero in outcome.zeros.items()
         )
+        self._hand.tare_touch()
         self._end_tare(Outcome(True, f'zero in counts: {text}'))

@@ -1,19 +1,24 @@
 """The CAN driver and the emulated pucks over an in-process bus: set-up, cycles, trouble."""
 
+import errno
 import itertools
 import math
+from types import SimpleNamespace
 
 import can
 import pytest
+from can.interfaces.virtual import VirtualBus
 
 from barrett_hand_bridge.emulator.can_hand import CanHand as EmulatedHand
 from barrett_hand_bridge.emulator.can_port import BusSchedule, CanPort
 from barrett_hand_bridge.emulator.faults import Fault
 from barrett_hand_bridge.emulator.mechanics import SCALE_280, HandBody, HandMechanics
 from barrett_hand_bridge.hand import HandError, HandNotInitialisedError
-from barrett_hand_bridge.puck import driver
+from barrett_hand_bridge.puck import driver, homing
 from barrett_hand_bridge.puck.bus import open_bus
 from barrett_hand_bridge.puck.driver import CanHand
+from barrett_hand_bridge.puck.frames import HandAddresses
+from barrett_hand_bridge.puck.pucks import Pucks
 
 channels = (f'hand_{number}' for number in itertools.count())
 
@@ -22,6 +27,8 @@ channels = (f'hand_{number}' for number in itertools.count())
 def quick(monkeypatch):
     monkeypatch.setattr(driver, 'WAKE_SILENCE_S', 0.02)
     monkeypatch.setattr(driver, 'RETRIES_S', (0.5, 3.0))
+    monkeypatch.setattr(homing, 'STARTING_S', 0.0)
+    monkeypatch.setattr(homing, 'POLL_S', 0.001)
 
 
 @pytest.fixture
@@ -29,10 +36,23 @@ def bench(quick):
     """An emulated hand served in a thread, and a driver for it."""
     started = []
 
-    def build(*, firmware=190, faults=(), seed=1, prepare=lambda emulated: None, **options):
-        emulated = EmulatedHand(HandMechanics(HandBody(scale=SCALE_280), seed), firmware=firmware)
+    def build(
+        *,
+        firmware=190,
+        faults=(),
+        seed=1,
+        first_node=11,
+        channel=None,
+        prepare=lambda emulated: None,
+        **options,
+    ):
+        emulated = EmulatedHand(
+            HandMechanics(HandBody(scale=SCALE_280), seed),
+            firmware=firmware,
+            first_node=first_node,
+        )
         prepare(emulated)
-        channel = next(channels)
+        channel = channel or next(channels)
         port = CanPort(
             BusSchedule(emulated, paced=False, faults=faults),
             lambda: can.Bus(interface='virtual', channel=channel),
@@ -65,15 +85,32 @@ def test_a_hand_that_just_woke_up_must_be_initialised(bench):
     assert hand.sample(None).finger_counts == (0, 0, 0)
 
 
-def test_a_hand_that_was_awake_keeps_its_positions(bench):
-    def awake(emulated):
-        for puck in emulated.pucks.values():
-            puck.awake = True
-        emulated.mechanics.place({1: 50_000.0})
-
-    hand, _ = bench(prepare=awake)
+def test_a_hand_that_was_homed_keeps_its_positions_over_a_restart_of_the_bridge(bench):
+    hand, emulated = bench()
+    hand.connect()
+    hand.initialize()
+    emulated.mechanics.place({1: 50_000.0})
     hand.connect()
     assert hand.sample(None).finger_counts[0] == 50_000
+
+
+def test_a_hand_that_was_only_woken_is_not_homed_after_a_restart_of_the_bridge(bench):
+    hand, _ = bench()
+    hand.connect()
+    hand.connect()
+    with pytest.raises(HandNotInitialisedError, match='since it was switched on'):
+        hand.sample(None)
+
+
+def test_a_hand_that_lost_its_power_must_be_homed_again(bench):
+    hand, emulated = bench()
+    hand.connect()
+    hand.initialize()
+    emulated.mechanics.place({1: 50_000.0})
+    emulated.power_cycle()
+    hand.connect()
+    with pytest.raises(HandNotInitialisedError):
+        hand.sample(None)
 
 
 def test_gauges_positions_and_inner_encoders_come_together(bench):
@@ -198,28 +235,26 @@ def test_garbled_frames_are_counted_not_believed(bench):
 
 
 def test_full_touch_frames_arrive_cell_by_cell(bench):
-    def press(emulated):
-        emulated.pressures[2][7] = 3.5
-
-    hand, _ = bench(prepare=press, touch='full', touch_every=1)
+    hand, emulated = bench(touch='full', touch_every=1)
     hand.connect()
     hand.initialize()
-    for _ in range(5):
-        sample = hand.sample(None)
-    assert sample.tactile_n_per_cm2[2][7] == 3.5
-    assert sum(sample.tactile_n_per_cm2[1]) == 0.0
+    hand.sample(None)
+    emulated.pressures[2][7] = 3.5
+    samples = (hand.sample(None).tactile_n_per_cm2 for _ in range(1000))
+    cells = next(cells for cells in samples if cells and cells[2][7])
+    assert cells[2][7] == 3.5
+    assert sum(cells[1]) == 0.0
 
 
 def test_top_10_touch_frames_arrive_in_whole_newtons(bench):
-    def press(emulated):
-        emulated.pressures[3][23] = 6.9
-
-    hand, _ = bench(prepare=press, touch='top10', touch_every=1)
+    hand, emulated = bench(touch='top10', touch_every=1)
     hand.connect()
     hand.initialize()
-    for _ in range(5):
-        sample = hand.sample(None)
-    assert sample.tactile_n_per_cm2[3][23] == 6.0
+    hand.sample(None)
+    emulated.pressures[3][23] = 6.9
+    samples = (hand.sample(None).tactile_n_per_cm2 for _ in range(1000))
+    cells = next(cells for cells in samples if cells and cells[3][23])
+    assert cells[3][23] == 6.0
 
 
 def test_the_hottest_motor_controller_is_told_of(bench):
@@ -237,6 +272,196 @@ def test_strain_limits_reach_the_pucks(bench):
     hand.limit_force({1: 3000, 2: None, 3: 2500})
     hand._pucks.get(1, 'STAT')
     assert [emulated.pucks[finger].values[71] for finger in (1, 2, 3)] == [3000, 0, 2500]
+
+
+def test_firmware_without_a_strain_limit_is_told_and_gets_none(bench):
+    hand, emulated = bench(firmware=180)
+    assert 'no strain limit HSG' in hand.connect().warnings[0]
+    hand.limit_force({1: 3000, 2: None, 3: 2500})
+    assert hand._pucks.get(1, 'STAT') == 2
+    assert not [text for text in emulated.refusals if 'property 71' in text]
+
+
+def test_homing_follows_the_makers_order_three_times_over(bench, monkeypatch):
+    hand, emulated = bench()
+    commands = []
+    received = emulated.receive
+    monkeypatch.setattr(
+        emulated,
+        'receive',
+        lambda identifier, data: (
+            commands.append(identifier & 0x1F) if data[0] == 0x80 | 29 else None,
+            received(identifier, data),
+        ),
+    )
+    hand.connect()
+    hand.initialize()
+    assert commands == [11, 12, 13] * 3 + [14]
+
+
+def test_a_finger_that_does_not_finish_homing_stops_all_motors(bench, monkeypatch):
+    monkeypatch.setattr(homing, 'MOTOR_TIMEOUT_S', 0.2)
+    hand, emulated = bench()
+    hand.connect()
+    hand.initialize()
+    emulated.mechanics.place({2: 190_000.0})
+    with pytest.raises(HandError, match=r'finger 2 \(node 12\) did not finish'):
+        hand.initialize()
+    hand._pucks.get(1, 'STAT')
+    assert [puck.mode for puck in emulated.pucks.values()] == [0, 0, 0, 0]
+    with pytest.raises(HandNotInitialisedError):
+        hand.sample(None)
+
+
+def test_a_finger_under_position_control_still_travels_unless_it_holds(bench):
+    hand, emulated = bench()
+    hand.connect()
+    for motor in (1, 4):
+        emulated.pucks[motor].mode = 3
+    assert not homing.at_rest(hand._pucks, 1)
+    assert homing.at_rest(hand._pucks, 4)
+
+
+def test_velocity_mode_gets_its_stall_time_and_limits_and_gives_them_back(bench):
+    hand, emulated = bench(prefetch=False, motor_torque=1500)
+    hand.connect()
+    hand.initialize()
+    hand.sample({1: 2.5})
+    values = emulated.pucks[1].values
+    assert (values[78], values[43]) == (0, 1500)
+    assert values[45] >= 2.5 / 1.2272e-2
+    hand.sample({})
+    hand.sample({})
+    assert values[78] == 50
+    assert emulated.refusals == []
+
+
+def test_a_motor_before_its_homing_does_not_run_whatever_it_is_told(bench):
+    hand, emulated = bench()
+    hand.connect()
+    hand._pucks.set(1, 'V', 100)
+    hand._pucks.set(1, 'MODE', 4)
+    hand._pucks.set(1, 'CMD', 18)
+    assert hand._pucks.get(1, 'MODE') == 0
+    assert emulated.refusals == ['mode 4 of node 11 before HI', 'command 18 of node 11 before HI']
+
+
+def test_a_slow_squeeze_goes_on_because_its_stall_time_is_taken_away(bench, monkeypatch):
+    hand, emulated = bench(prefetch=False)
+    hand.connect()
+    hand.initialize()
+    monkeypatch.setattr(emulated.mechanics, 'truth', lambda finger: SimpleNamespace(force_n=5.0))
+    # With the maker's stall time the same squeeze ends by itself.
+    hand._pucks.set(2, 'V', 1)
+    hand._pucks.set(2, 'MODE', 4)
+    while hand.sample({1: 0.0123}).finger_counts[0] < 300:
+        continue
+    assert [emulated.pucks[finger].mode for finger in (1, 2)] == [4, 0]
+
+
+def test_a_full_transmit_queue_is_waited_for(quick):
+    class Full(VirtualBus):
+        full = 3
+
+        def send(self, message, timeout=None):
+            if self.full:
+                self.full -= 1
+                raise can.CanOperationError('No buffer space available', errno.ENOBUFS)
+            super().send(message, timeout)
+
+    Pucks(Full(channel=next(channels))).ask_all('STAT')
+
+
+def test_a_queue_that_stays_full_is_one_sentence_with_the_state_of_the_bus(quick):
+    class Full(VirtualBus):
+        def send(self, message, timeout=None):
+            raise can.CanOperationError('No buffer space available', errno.ENOBUFS)
+
+    with pytest.raises(HandError, match='No buffer space .* 0 error frames'):
+        Pucks(Full(channel=next(channels))).ask_all('STAT')
+
+
+def test_error_frames_are_counted_and_told_with_the_terminator(quick):
+    channel = next(channels)
+    noise = can.Bus(interface='virtual', channel=channel)
+    hand = CanHand(lambda: open_bus('virtual', channel))
+    opened = hand._open_line
+    hand._open_line = lambda: (opened(), noise.send(can.Message(is_error_frame=True)))[0]
+    with pytest.raises(HandError, match='1 error frames.*one terminator'):
+        hand.connect()
+    noise.shutdown()
+
+
+def test_broken_inner_encoders_can_be_left_out(bench):
+    hand, emulated = bench(inner_encoders=False)
+    hand.connect()
+    hand.initialize()
+    emulated.mechanics.place({2: 80_000.0})
+    sample = hand.sample(None)
+    assert (sample.inner_rad, sample.clutch_open) == ((None, None, None), (None, None, None))
+
+
+def test_a_finger_that_broke_away_is_told(bench):
+    hand, emulated = bench(prefetch=False)
+    hand.connect()
+    hand.initialize()
+    emulated.mechanics.place({2: 80_000.0})
+    assert hand.sample(None).clutch_open == (False, False, False)
+    emulated.mechanics.breakaway_counts[2] = 40_000.0
+    assert hand.sample(None).clutch_open == (False, True, False)
+
+
+def test_what_each_motor_says_of_itself_comes_round_once_a_second(bench):
+    hand, _ = bench()
+    hand.connect()
+    hand.initialize()
+    for _ in range(driver.MONITOR_CYCLES * 6 + 2):
+        motors = hand.sample(None).motors
+    assert motors[3] == {
+        'TEMP': 32, 'THERM': 32, 'VBUS': 48, 'IMOTOR': 0, 'MODE': 0, 'ERROR': 0,
+    }  # fmt: skip
+
+
+def test_two_hands_on_one_bus_do_not_disturb_each_other(bench):
+    channel = next(channels)
+    addresses = HandAddresses((21, 22, 23, 24), 17)
+    left, left_hand = bench(channel=channel)
+    right, right_hand = bench(channel=channel, first_node=21, addresses=addresses, seed=2)
+    for hand in (left, right):
+        hand.connect()
+        hand.initialize()
+    left_hand.mechanics.place({1: 10_000.0})
+    right_hand.mechanics.place({1: 20_000.0})
+    pairs = [(left.sample(None), right.sample(None)) for _ in range(3)]
+    assert [sample.finger_counts[0] for sample in pairs[-1]] == [10_000, 20_000]
+    right.sample({2: 0.5})
+    left.stop()
+    assert left._pucks.get(1, 'MODE') == 0
+    assert right._pucks.get(2, 'MODE') == 4
+
+
+def test_touch_cells_are_tared_when_the_hand_is_open(bench):
+    def press(emulated):
+        emulated.pressures[2][7] = 3.5
+
+    hand, emulated = bench(prepare=press, touch='full', touch_every=1)
+    hand.connect()
+    hand.initialize()
+    hand.sample(None)
+    emulated.pressures[2][8] = 2.0
+    samples = (hand.sample(None).tactile_n_per_cm2 for _ in range(1000))
+    cells = next(cells for cells in samples if cells and cells[2][8])
+    assert (cells[2][7], cells[2][8]) == (0.0, 2.0)
+
+
+def test_touch_cells_that_did_not_start_are_told_and_not_believed(bench):
+    hand, emulated = bench(touch='full', touch_every=1)
+    emulated.touch_broken.add(2)
+    assert 'finger 2 (node 12) did not start' in hand.connect().warnings[0]
+    hand.initialize()
+    for _ in range(5):
+        sample = hand.sample(None)
+    assert sorted(sample.tactile_n_per_cm2) == [1, 3, 4]
 
 
 def test_a_silent_bus_is_one_clear_sentence(quick):

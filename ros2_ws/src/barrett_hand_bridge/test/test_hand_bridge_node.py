@@ -1,7 +1,11 @@
 """The node as a process, on an emulated hand as another: topics, services, losses, exit codes."""
 
+import contextlib
 import json
+import os
+import re
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -106,6 +110,17 @@ def listener(domain_id, wait_until):
     listener.end()
 
 
+def children(pid, word):
+    """Living children of a process whose command line holds a word."""
+    found = []
+    tasks = Path(f'/proc/{pid}/task').glob('*/children')
+    for child in ' '.join(task.read_text() for task in tasks).split():
+        with contextlib.suppress(OSError):
+            if word in Path(f'/proc/{child}/cmdline').read_text():
+                found.append(int(child))
+    return found
+
+
 def bridge(start, *parameters):
     arguments = ['--ros-args']
     for parameter in parameters:
@@ -180,8 +195,13 @@ def test_a_ball_is_grasped_from_start_to_force(start, listener, ball):
     # A second end, of another severity than the first: the node must outlive what it says.
     node.wait_for('hand/joint_trajectory: stopped', 40.0)
 
-    assert listener.call('hand/close').message == 'closed at 6 N'
+    closed = listener.call('hand/close').message
+    assert '6 N were asked for' in closed
     rows = listener.next_contacts()
+    told = [float(force) for force in re.findall(r'finger \d (\S+) N', closed)]
+    assert told == pytest.approx(
+        np.hypot.reduce([rows[f][:2] for f in ('fx', 'fy', 'fz')]), abs=0.4
+    )
     assert rows['finger'].tolist() == [1, 2, 3]
     for row in rows[:2]:
         force = np.array([row['fx'], row['fy'], row['fz']])
@@ -251,7 +271,7 @@ def test_a_can_hand_publishes_pins_and_touch_cells(start, listener, tmp_path):
     port = '24801'
     emulator = start(
         'hand_emulator', '--hand', '280', '--json', '--can-port', port,
-        '--press', '2:7:3.5', '--press', '4:0:1.0',
+        '--press', '2:7:3.5', '--press', '4:0:1.0', '--fault', 'press@signal',
     )  # fmt: skip
     emulator.wait_for('}')
     calibration = tmp_path / 'hand_280.yaml'
@@ -276,7 +296,9 @@ def test_a_can_hand_publishes_pins_and_touch_cells(start, listener, tmp_path):
         f'can_port:={port}', f'calibration:={calibration}', 'initialize_on_start:=true',
         'touch:=full',
     )  # fmt: skip
-    listener.until(lambda: listener.contacts and len(listener.contacts[-1]) == 5, 60.0)
+    listener.until(lambda: listener.contacts, 60.0)
+    emulator.process.send_signal(signal.SIGUSR1)
+    listener.until(lambda: len(listener.contacts[-1]) == 5)
     cell, palm = listener.contacts[-1][3:]
     assert (cell['finger'], cell['flags']) == (2, 1)
     assert cell['radius'] == pytest.approx(0.003, abs=0.0005)
@@ -414,3 +436,25 @@ def test_the_calibration_of_another_hand_is_refused(start, calibration):
     node = bridge(start, f'port:={port}', f'calibration:={calibration}')
     assert node.process.wait(60.0) == 1
     assert 'is for hand number 1, this hand says 99' in node.text
+
+
+@pytest.mark.timeout(180)
+def test_a_stop_guard_that_is_killed_is_started_again_and_told_of(start, listener, calibration):
+    port, _ = emulated(start, '--unpaced')
+    node = bridge(
+        start, f'port:={port}', f'calibration:={calibration}', 'initialize_on_start:=true'
+    )
+    listener.until(lambda: listener.contacts)
+    # What it is about to do by itself is no reason to warn.
+    assert 'call hand/initialize' not in node.text
+    first = children(node.process.pid, 'stop_guard')
+    assert len(first) == 1
+    os.kill(first[0], signal.SIGKILL)
+
+    def restarted():
+        status = listener.status()
+        return status and status[2]['stop guard restarted (times)'] == '1'
+
+    listener.until(restarted, 10.0)
+    second = children(node.process.pid, 'stop_guard')
+    assert len(second) == 1 and second != first

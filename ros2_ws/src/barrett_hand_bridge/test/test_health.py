@@ -63,6 +63,29 @@ def test_a_finger_that_relieves_itself_is_an_error(observer):
     assert level is Level.ERROR and 'finger 2 protects its gauge' in text
 
 
+def test_a_driver_that_stands_is_seen_within_a_second(observer):
+    taken = sample()
+    health = Health(state=LinkState.CYCLING)
+    health.take(taken, 0.0)
+    level, text = health.judge(observer.observe(taken), taken, 1.01)
+    assert level is Level.STALE and 'no cycle for 1.0 s' in text
+
+
+def test_a_hand_too_hot_to_hold_is_an_error_with_what_ends(observer):
+    taken = replace(sample(), temperature_c=66.0)
+    health = Health(state=LinkState.CYCLING, hottest_c=65.0)
+    health.take(taken, 0.0)
+    level, text = health.judge(observer.observe(taken), taken, 0.5)
+    assert level is Level.ERROR and 'holding has ended' in text
+
+
+def test_every_motor_is_told_in_numbers(observer):
+    taken = replace(sample(), motors={3: {'THERM': 41}}, clutch_open=(None, None, True))
+    values = Health(state=LinkState.CYCLING).values(observer.observe(taken), taken, observer, 0.0)
+    assert values['motor 3 winding (degrees Celsius, THERM)'] == '41'
+    assert values['finger 3 broke away'] == 'yes'
+
+
 def test_a_finger_that_gave_way_between_two_diagnostics_is_still_told_of(observer):
     health = Health(state=LinkState.CYCLING)
     for time_s, relieving in ((0.0, True), (0.01, True), (0.02, False), (0.1, True), (0.2, False)):
@@ -70,6 +93,7 @@ def test_a_finger_that_gave_way_between_two_diagnostics_is_still_told_of(observe
         health.take(taken, time_s)
     observation = observer.observe(taken)
     assert health.judge(observation, taken, 1.0)[0] is Level.ERROR
+    health.take(taken, 10.0)
     assert health.judge(observation, taken, 10.0)[0] is Level.OK
     values = health.values(observation, taken, observer, 10.0)
     assert values['finger 2 gave way by itself (times)'] == '2'

@@ -17,6 +17,7 @@ from barrett_hand_bridge.motion import (
     MotionResult,
     Opening,
     TrajectoryPoint,
+    slower_than_hand,
 )
 from barrett_hand_bridge.observer import HandObserver, ObserverSettings
 
@@ -60,9 +61,18 @@ def test_closing_slows_down_at_touch():
     assert motion.step(state(41.0, 1.0, FLAG_CONTACT), 0.1) == {1: 0.02, 2: 0.02}
 
 
-def test_closing_ends_when_every_finger_has_its_force():
+def test_closing_ends_when_every_finger_has_its_force_and_answers_with_it():
     motion = Closing((1, 2), SETTINGS)
-    assert motion.step(state(40, 5.1, FLAG_CONTACT), 0.0) == MotionResult(True, 'closed at 5 N')
+    assert motion.step(state(40, 5.1, FLAG_CONTACT), 0.0) == {}
+    # It went on rising until the motors stood.
+    assert motion.step(state(40, 9.3, FLAG_CONTACT), 0.2) == MotionResult(
+        True, 'closed, finger 1 9.30 N, finger 2 9.30 N; 5 N were asked for'
+    )
+
+
+def test_a_speed_below_the_step_of_the_hand_is_refused_with_the_step():
+    assert slower_than_hand({'squeeze_speed': 0.02}, 0.0123) == ''
+    assert 'squeeze_speed is 0.003 rad/s' in slower_than_hand({'squeeze_speed': 0.003}, 0.0123)
 
 
 def test_closing_stops_at_the_torque_limit():

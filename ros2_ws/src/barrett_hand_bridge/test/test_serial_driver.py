@@ -7,7 +7,7 @@ from barrett_hand_bridge.emulator.mechanics import HandBody, HandMechanics
 from barrett_hand_bridge.emulator.serial_hand import SerialHand as EmulatedHand
 from barrett_hand_bridge.gcl import driver, line
 from barrett_hand_bridge.gcl.driver import SerialHand
-from barrett_hand_bridge.gcl.line import open_port
+from barrett_hand_bridge.gcl.port import open_port
 from barrett_hand_bridge.hand import HandDisturbedError, HandError, HandNotInitialisedError
 
 

@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from barrett_hand_bridge.gcl.driver import SerialHand
-from barrett_hand_bridge.gcl.line import open_port
+from barrett_hand_bridge.gcl.port import open_port
 from barrett_hand_bridge.hand import HandError, HandNotInitialisedError
 from barrett_hand_bridge.puck.bus import open_bus
 from barrett_hand_bridge.puck.driver import CanHand
@@ -133,7 +133,7 @@ def test_a_killed_owner_of_the_line_leaves_no_moving_finger(start, wait_until):
     port = where(emulator)
     kill_while_closing(
         'from barrett_hand_bridge.gcl.driver import SerialHand\n'
-        'from barrett_hand_bridge.gcl.line import open_port\n'
+        'from barrett_hand_bridge.gcl.port import open_port\n'
         'from barrett_hand_bridge.stop_guard import guard_serial\n'
         f'hand = SerialHand(lambda: open_port({port!r}),'
         ' guard=lambda line: guard_serial(line.fileno()))\n'

@@ -4,6 +4,7 @@ import time
 
 import pytest
 
+from barrett_hand_bridge import worker as worker_module
 from barrett_hand_bridge.calibration import GaugeCalibration
 from barrett_hand_bridge.hand import (
     ENCODER_262,
@@ -18,6 +19,7 @@ from barrett_hand_bridge.observer import HandObserver, ObserverSettings
 from barrett_hand_bridge.worker import (
     Connected,
     Disturbed,
+    GuardRestarted,
     HandWorker,
     Lost,
     NotReady,
@@ -70,12 +72,28 @@ class ScriptedHand:
             self.log.append(dict(velocities))
             if self.moves and velocities.get(1):
                 self.position = max(self.position - 500, 0)
-        return HandSample(self.stamp_ns, (self.position, 0, 0), 0, (120, 120, 120))
+        return HandSample(
+            self.stamp_ns,
+            (self.position, 0, 0),
+            0,
+            (120, 120, 120),
+            temperature_c=self.temperature_c,
+        )
 
     moves = True
 
     def limit_force(self, counts):
         self.log.append('limit')
+
+    def tare_touch(self):
+        self.log.append('tare touch')
+
+    def watch_guard(self):
+        died, self.guard_died = self.guard_died, False
+        return died
+
+    guard_died = False
+    temperature_c = None
 
     def stop(self):
         self.log.append('stop')
@@ -210,6 +228,38 @@ def test_the_end_closes_the_hand_and_answers_what_was_asked(bench, wait_until):
     worker.end()
     assert move.done() and not move.result().success
     assert hand.log[-1] == 'close'
+
+
+def test_a_stop_guard_that_died_is_told_of(bench, wait_until, monkeypatch):
+    monkeypatch.setattr(worker_module, 'GUARD_PERIOD_S', 0.01)
+    _, hand, events = bench()
+    seen(events, Observed, wait_until)
+    hand.guard_died = True
+    seen(events, GuardRestarted, wait_until)
+
+
+def test_a_motor_that_gets_too_hot_ends_the_motion_and_lets_go(bench, wait_until):
+    worker, hand, events = bench(hottest_c=65.0)
+    hand.moves = False
+    seen(events, Observed, wait_until)
+    move = worker.submit('move', Opening((1,), 0.5))
+    wait_until(lambda: {1: -0.5} in hand.log, 10.0)
+    hand.temperature_c = 66.0
+    assert 'too hot at 66 degrees' in move.result(10.0).message
+    wait_until(lambda: 'stop' in hand.log, 10.0)
+    assert 'too hot' in worker.submit('move', Opening((1,), 0.5)).result(10.0).message
+    hand.temperature_c, hand.moves = 59.0, True
+    seen(events, Observed, wait_until, len(events) + 2)
+    assert worker.submit('move', Opening((1,), 0.5)).result(10.0).success
+
+
+def test_a_fault_of_the_driver_itself_stops_the_hand_and_looks_for_it_again(bench, wait_until):
+    _, hand, events = bench()
+    seen(events, Observed, wait_until)
+    hand.trouble = [ZeroDivisionError('a mistake of ours')]
+    assert 'a mistake of ours' in seen(events, Lost, wait_until)[0].reason
+    seen(events, Connected, wait_until, 2)
+    assert 'close' in hand.log
 
 
 def test_ticks_pace_the_cycles(bench, wait_until):

@@ -79,6 +79,14 @@ def parser() -> argparse.ArgumentParser:
         '--puck-firmware', type=int, default=190, help='firmware of the motor controllers (280)'
     )
     command.add_argument(
+        '--first-node',
+        type=int,
+        choices=range(1, 29),
+        metavar='1..28',
+        default=11,
+        help='node of finger 1; fingers 2, 3 and the spread follow (280)',
+    )
+    command.add_argument(
         '--press',
         type=_press,
         action='append',
@@ -164,9 +172,10 @@ def _serial_port(options: argparse.Namespace, mechanics: HandMechanics) -> tuple
 def _can_port(
     options: argparse.Namespace, mechanics: HandMechanics
 ) -> tuple[CanPort | SlcanPort, str]:
-    hand = CanHand(mechanics, firmware=options.puck_firmware)
-    for finger, cell, pressure in options.press:
-        hand.pressures[finger][cell] = pressure
+    hand = CanHand(mechanics, firmware=options.puck_firmware, first_node=options.first_node)
+    hand.pressing = options.press
+    if all(fault.kind != 'press' for fault in options.fault):
+        hand.press()
     schedule = BusSchedule(hand, paced=not options.unpaced, faults=options.fault)
     if options.interface == 'slcan':
         stick = SlcanPort(schedule)

@@ -1,7 +1,10 @@
 """An emulated BH8-280: four motor controllers on a CAN bus, frames in, frames out.
 
 Identifiers, property numbers and packing after what is known of the maker's bus; the inner-link
-encoder, the mode numbers and the self-preservation after the maker's support pages.
+encoder, the mode numbers and the self-preservation after the maker's support pages. It refuses
+what those forbid, and keeps a sentence of each refusal: motion before HI since power-up, speeds
+beyond MV, limits that its firmware does not have. HSG ends movement commands, as documented, and
+nothing else; a stall time (TSTOP) ends velocity mode under load; without one HI never ends.
 """
 
 from __future__ import annotations
@@ -18,6 +21,12 @@ ENCODER_COUNTS_PER_TURN = 4096
 SELF_PRESERVATION = (667, 3460)
 SELF_PRESERVATION_OFF, SELF_PRESERVATION_ON = 10000, 10001
 RELIEF_COUNTS_PER_S = 60_000.0
+OLDEST_STRAIN_LIMIT = 182
+DEFAULT_MAX_TORQUE = 2200
+# A loaded motor slower than this (counts per ms) counts as stalled after TSTOP ms.
+STALL_SPEED = 2.0
+RESET_STATE, READY_STATE = 0, 2
+IDLE, POSITION, VELOCITY, TRAPEZOID = 0, 3, 4, 5
 
 POSITION_PROPERTY = 48
 LONG_PROPERTIES = (48, 50, 52, 54, 56, 58, 66, 68, 74, 88, 96, 98)
@@ -42,20 +51,32 @@ class Puck:
     guarded: bool = True
     relieving: bool = False
     touch_mode: int = 0
+    homed: bool = False
+    zero_counts: int = 0
+    slow_s: float = 0.0
 
 
 class CanHand:
     """A BH8-280 behind its CAN plug. Feed it frames, advance its time, take its answers."""
 
     def __init__(
-        self, mechanics: HandMechanics, *, firmware: int = 190, touch: bool = True
+        self,
+        mechanics: HandMechanics,
+        *,
+        firmware: int = 190,
+        touch: bool = True,
+        first_node: int = FIRST_NODE,
     ) -> None:
         """A hand just switched on: all four controllers wait in their monitor (STAT 0)."""
         self.mechanics = mechanics
         self.firmware = firmware
-        self.pucks = {motor: Puck(FIRST_NODE + motor - 1) for motor in (1, 2, 3, 4)}
+        self.pucks = {motor: Puck(first_node + motor - 1) for motor in (1, 2, 3, 4)}
+        self.refusals: list[str] = []
         self.touch = touch
         self.pressures: dict[int, list[float]] = {motor: [0.0] * CELLS for motor in (1, 2, 3, 4)}
+        self.pressing: list[tuple[int, int, float]] = []
+        self.touch_offsets: dict[int, list[float]] = {}
+        self.touch_broken: set[int] = set()
         self.temperature_c = 32
         self._output: list[OutgoingFrame] = []
         self._initialising: list[int] = []
@@ -69,10 +90,19 @@ class CanHand:
         frames, self._output = self._output, []
         return frames
 
+    def press(self) -> None:
+        """Press the cells of `pressing`: finger, cell and pressure in N/cm2 each."""
+        for finger, cell, pressure in self.pressing:
+            self.pressures[finger][cell] = pressure
+
     def power_cycle(self) -> None:
         """A brown-out: motors stop, all controllers are back in their monitor."""
         for puck in self.pucks.values():
-            puck.awake, puck.mode, puck.values = False, 0, {}
+            puck.awake, puck.mode, puck.values, puck.homed = False, IDLE, {}, False
+        for number, puck in self.pucks.items():
+            # The encoders count from where the motors stand now.
+            puck.zero_counts = self.mechanics.encoder_counts(number)
+            self.mechanics.torque_share[number] = 1.0
         for motor in self.mechanics.motors.values():
             motor.stop()
         self._initialising.clear()
@@ -84,7 +114,7 @@ class CanHand:
         destination = identifier & 0x1F
         for motor, puck in self.pucks.items():
             if identifier & 0x400:
-                if destination in (0, 7, HAND_GROUP):
+                if destination in (0, 7, puck.values.get(28, HAND_GROUP)):
                     self._serve(motor, puck, data)
             elif destination == puck.node:
                 self._serve(motor, puck, data)
@@ -99,63 +129,86 @@ class CanHand:
 
     def _set(self, motor: int, puck: Puck, number: int, value: int) -> None:
         if number == 5:
-            puck.awake = value == 2
+            puck.awake = value == READY_STATE
             return
         if not puck.awake:
+            return
+        if number in (71, 72) and self.firmware < OLDEST_STRAIN_LIMIT:
+            self.refusals.append(f'property {number} in firmware {self.firmware}')
             return
         if number not in LONG_PROPERTIES:
             # A short property keeps the lower 16 bits of what it is told.
             value = (value + 0x8000) % 0x10000 - 0x8000
-        state = self.mechanics.motors[motor]
         if number == 8:
             self._change_mode(motor, puck, value)
         elif number == 44:
             puck.values[44] = value
-            if puck.mode == 4:
-                state.drive(value * 1000.0) if value else state.stop()
+            if puck.mode == VELOCITY and motor not in self._initialising:
+                self._run(motor, puck)
         elif number == 29:
             self._command(motor, puck, value)
         elif number == 71 and value in (SELF_PRESERVATION_OFF, SELF_PRESERVATION_ON):
             puck.guarded = value == SELF_PRESERVATION_ON
         elif number == 106 and self.firmware >= 142:
             puck.touch_mode = value
+            if value == 3:
+                self.touch_offsets[motor] = list(self.pressures[motor])
             if value == 2:
                 self._send_touch(motor, puck)
         else:
             puck.values[number] = value
+            if number == 43:
+                self.mechanics.torque_share[motor] = max(value, 0) / DEFAULT_MAX_TORQUE
 
     def _change_mode(self, motor: int, puck: Puck, mode: int) -> None:
-        state = self.mechanics.motors[motor]
+        if mode != IDLE and not puck.homed:
+            self.refusals.append(f'mode {mode} of node {puck.node} before HI')
+            return
         puck.mode = mode
-        if mode == 0:
-            state.stop()
-        elif mode == 4:
-            speed = puck.values.get(44, 0)
-            state.drive(speed * 1000.0) if speed else state.stop()
+        puck.slow_s = 0.0
+        if motor in self._initialising:
+            self._initialising.remove(motor)
+        if mode == IDLE:
+            self.mechanics.motors[motor].stop()
+        elif mode == VELOCITY:
+            self._run(motor, puck)
+
+    def _run(self, motor: int, puck: Puck) -> None:
+        """Run at V, at most at MV."""
+        state = self.mechanics.motors[motor]
+        highest = puck.values.get(45, 50 if motor == SPREAD else 200)
+        speed = puck.values.get(44, 0)
+        if abs(speed) > highest:
+            self.refusals.append(f'V {speed} of node {puck.node} beyond MV {highest}')
+            speed = max(min(speed, highest), -highest)
+        state.drive(speed * 1000.0) if speed else state.stop()
 
     def _command(self, motor: int, puck: Puck, command: int) -> None:
         state = self.mechanics.motors[motor]
         speed = puck.values.get(45, 50 if motor == SPREAD else 200) * 1000.0
-        if command in (13, 20, 7):
-            puck.mode = 5
+        if command in (7, 18, 19, 20) and not puck.homed:
+            self.refusals.append(f'command {command} of node {puck.node} before HI')
+        elif command in (13, 20, 7):
+            puck.mode = VELOCITY if command == 13 else TRAPEZOID
+            puck.homed = puck.homed or command == 13
             state.drive(-speed, 0.0)
             self._initialising.append(motor)
         elif command == 18:
-            puck.mode = 5
+            puck.mode = TRAPEZOID
             state.drive(speed, float(puck.values.get(56, 35950 if motor == SPREAD else 195000)))
             self._initialising.append(motor)
         elif command == 19:
             goal = float(puck.values.get(58, 0))
-            puck.mode = 5
+            puck.mode = TRAPEZOID
             state.drive(speed if goal > state.position else -speed, goal)
             self._initialising.append(motor)
         elif command == 21:
-            puck.mode = 0
+            puck.mode = IDLE
             state.stop()
 
     def _get(self, motor: int, puck: Puck, number: int) -> None:
         if number == 5:
-            self._reply(puck, number, 2 if puck.awake else 0)
+            self._reply(puck, number, READY_STATE if puck.awake else RESET_STATE)
             return
         if not puck.awake:
             return
@@ -181,10 +234,21 @@ class CanHand:
             return puck.node
         if number == 8:
             return puck.mode
-        if number in (9, 10):
+        if number in (9, 10, 20):
             return self.temperature_c
-        if number == self._hold_property:
-            return puck.values.get(number, 1 if motor == SPREAD else 0)
+        if number == 107:
+            return -2 if motor in self.touch_broken else 1
+        stored = {
+            self._hold_property: 1 if motor == SPREAD else 0,
+            21: 48,
+            28: HAND_GROUP,
+            43: DEFAULT_MAX_TORQUE,
+            45: 50 if motor == SPREAD else 200,
+            56: 35_950 if motor == SPREAD else 195_000,
+            78: 150 if motor == SPREAD else 50,
+        }
+        if number in stored:
+            return puck.values.get(number, stored[number])
         return puck.values.get(number, 0)
 
     def _reply(self, puck: Puck, number: int, value: int) -> None:
@@ -193,7 +257,7 @@ class CanHand:
         self._output.append(OutgoingFrame(0x400 | puck.node << 5 | 6, data))
 
     def _send_position(self, motor: int, puck: Puck) -> None:
-        data = _packed(self.mechanics.encoder_counts(motor))
+        data = _packed(self.mechanics.encoder_counts(motor) - puck.zero_counts)
         if motor != SPREAD and self.firmware >= 125:
             inner, _ = self.mechanics.angles(motor)
             counts = inner * 50.0 * ENCODER_COUNTS_PER_TURN / (2.0 * math.pi)
@@ -201,7 +265,11 @@ class CanHand:
         self._output.append(OutgoingFrame(0x400 | puck.node << 5 | 3, data))
 
     def _send_touch(self, motor: int, puck: Puck) -> None:
-        cells = self.pressures[motor]
+        offsets = self.touch_offsets.get(motor, [0.0] * CELLS)
+        cells = [
+            max(pressure - offset, 0.0)
+            for pressure, offset in zip(self.pressures[motor], offsets, strict=True)
+        ]
         if puck.touch_mode == 2:
             for part in range(5):
                 word = part
@@ -226,14 +294,23 @@ class CanHand:
             passing = min(left, 0.005)
             self.mechanics.advance(passing)
             left -= passing
-            self._watch()
+            self._watch(passing)
 
-    def _watch(self) -> None:
+    def _watch(self, seconds: float) -> None:
         for motor in tuple(self._initialising):
-            if not self.mechanics.motors[motor].moving:
-                self._initialising.remove(motor)
-                # The spread holds its position under control, a finger's worm gear needs none.
-                self.pucks[motor].mode = 3 if motor == SPREAD else 0
+            puck = self.pucks[motor]
+            if self.mechanics.motors[motor].moving:
+                continue
+            if puck.mode == VELOCITY:
+                if puck.values.get(78, 1) == 0:
+                    # HI feels its end by a stall: without a stall time it drives on.
+                    continue
+                puck.zero_counts = 0
+            self._initialising.remove(motor)
+            # The spread holds its position under control, a finger's worm gear needs none.
+            puck.mode = POSITION if motor == SPREAD else IDLE
+        for motor, puck in self.pucks.items():
+            self._stall(motor, puck, seconds)
         for motor in (1, 2, 3):
             self._protect(motor, self.pucks[motor])
 
@@ -242,7 +319,8 @@ class CanHand:
         counts = self.mechanics.gauges[motor].counts
         state = self.mechanics.motors[motor]
         limit = puck.values.get(71, 0)
-        over = limit > 0 and counts > limit
+        # Documented for movement commands, and at rest; velocity mode is in neither list.
+        over = limit > 0 and counts > limit and puck.mode != VELOCITY
         if puck.guarded:
             over = over or counts > SELF_PRESERVATION[1]
         if over and self.mechanics.gauges[motor].fitted:
@@ -250,7 +328,20 @@ class CanHand:
             state.drive(-RELIEF_COUNTS_PER_S)
         elif puck.relieving:
             puck.relieving = False
-            puck.mode = 0
+            puck.mode = IDLE
+            state.stop()
+
+    def _stall(self, motor: int, puck: Puck, seconds: float) -> None:
+        """A loaded motor in velocity mode that hardly moves for TSTOP ms goes idle."""
+        state = self.mechanics.motors[motor]
+        stop_ms = puck.values.get(78, 150 if motor == SPREAD else 50)
+        if puck.mode != VELOCITY or motor in self._initialising or stop_ms == 0:
+            return
+        loaded = motor != SPREAD and self.mechanics.truth(motor).force_n > 0.5
+        slow = state.stalled or (loaded and abs(state.velocity) < STALL_SPEED * 1000.0)
+        puck.slow_s = puck.slow_s + seconds if slow else 0.0
+        if puck.slow_s * 1000.0 >= stop_ms:
+            puck.mode = IDLE
             state.stop()
 
 

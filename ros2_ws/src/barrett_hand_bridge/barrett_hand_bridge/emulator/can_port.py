@@ -102,6 +102,10 @@ class BusSchedule:
                 self.hand.pucks[count].awake = False
             elif fault.kind == 'no-gauge':
                 self.hand.mechanics.gauges[count].fitted = False
+            elif fault.kind == 'press':
+                self.hand.press()
+            elif fault.kind == 'no-touch':
+                self.hand.touch_broken.add(count)
             elif fault.kind == 'hot':
                 self.hand.temperature_c = 70
 

@@ -19,9 +19,11 @@ FAULTS: dict[str, str] = {
     'loop-error': 'the next RealTime block is answered by ERR VALUE (serial)',
     'no-gauge': 'the gauge of finger VALUE reads as not fitted',
     'hot': 'the hand reports 70 degrees Celsius',
+    'press': 'the cells of --press are pressed only now (CAN)',
+    'no-touch': 'the touch cells of finger VALUE do not start (CAN)',
     'sleep': 'the motor controller of finger VALUE falls asleep (CAN)',
 }
-NEEDS_FINGER = ('no-gauge', 'sleep')
+NEEDS_FINGER = ('no-gauge', 'no-touch', 'sleep')
 ON_SIGNAL = 'signal'
 
 

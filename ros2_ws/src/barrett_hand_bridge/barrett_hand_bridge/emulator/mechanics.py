@@ -132,6 +132,8 @@ class HandMechanics:
             self.gauges[finger] = StrainGauge(draw(generator), generator)
         self.motors = {finger: Motor(0.0, body.scale.finger_counts) for finger in FINGERS}
         self.motors[SPREAD] = Motor(0.0, body.scale.spread_counts)
+        # How much of its torque each motor may give (MT of a BH8-280).
+        self.torque_share: dict[int, float] = dict.fromkeys((*FINGERS, SPREAD), 1.0)
         self.breakaway_counts: dict[int, float | None] = dict.fromkeys(FINGERS)
         self._remainder_s = 0.0
         self._loads: dict[int, ContactLoad] = {}
@@ -254,7 +256,9 @@ class HandMechanics:
             if torque > self.body.clutch_torque_nm and self.breakaway_counts[finger] is None:
                 self.breakaway_counts[finger] = self.motors[finger].position
             motor = self.motors[finger]
-            if motor.velocity > 0 and self._torques[finger] > self.body.stall_torque_nm:
+            if motor.velocity > 0 and self._torques[finger] > (
+                self.body.stall_torque_nm * self.torque_share[finger]
+            ):
                 motor.stop()
                 motor.stalled = True
 

@@ -16,7 +16,8 @@ from barrett_hand_bridge.gcl.language import (
     HandLinkError,
     HandRefusedError,
 )
-from barrett_hand_bridge.gcl.line import Line, Port
+from barrett_hand_bridge.gcl.line import Line
+from barrett_hand_bridge.gcl.port import Port
 from barrett_hand_bridge.gcl.realtime import (
     ACKNOWLEDGE,
     HEADER_FEEDBACK,
@@ -48,6 +49,8 @@ HIGHEST_LIMIT = 254
 NO_LIMIT = 256
 # How long a late block is waited for before the hand is looked for again.
 PATIENCE_S = 1.0
+# Velocities on the line have four bits behind the point.
+VELOCITY_UNITS = 16.0
 # What is late after so many cycles is published as stale before the third one is over.
 LATE_PERIODS = 2.5
 
@@ -157,7 +160,13 @@ class SerialHand:
             encoder=ENCODER_262,
             highest_gauge_count=255,
             ceiling_hz=1.0 / self.cycle_s,
+            speed_step_rad_s=self._speed_step_rad_s(),
         )
+
+    def _speed_step_rad_s(self) -> float:
+        """Velocities are sixteenths of LCVC, in counts per servo sample."""
+        step = self.layout.velocity_coefficient / VELOCITY_UNITS
+        return step * ENCODER_262.finger_rad_per_count / self._servo_sample_s
 
     def _configure(self, line: Line, firmware: tuple[int, int]) -> None:
         for motor, block in self.layout.motors.items():
@@ -307,6 +316,7 @@ class SerialHand:
             spread_counts=self._positions[SPREAD],
             gauge_counts=(gauges[0], gauges[1], gauges[2]),
             breakaway_counts=(broken[0], broken[1], broken[2]),
+            clutch_open=(bool(broken[0]), bool(broken[1]), bool(broken[2])),
             temperature_c=feedback.temperature_c,
             strain_limits=(self._limits[1], self._limits[2], self._limits[3]),
         )
@@ -356,6 +366,13 @@ class SerialHand:
                 self._limits[finger] = limit
         except (HandLinkError, serial.SerialException, OSError) as error:
             raise HandError(f'the strain limit cannot be set: {error}') from error
+
+    def tare_touch(self) -> None:
+        """A BH8-262 has no touch cells."""
+
+    def watch_guard(self) -> bool:
+        """See `Hand`."""
+        return self._guard is not None and self._guard.watch()
 
     def stop(self) -> None:
         """Leave RealTime mode: the motors stop, the prompt returns.

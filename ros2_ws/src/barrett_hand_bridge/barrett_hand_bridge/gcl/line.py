@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import time
-from typing import Protocol
-
-import serial
 
 from barrett_hand_bridge.gcl.language import (
     CARRIAGE_RETURN,
@@ -16,51 +13,13 @@ from barrett_hand_bridge.gcl.language import (
     Reply,
     parse_reply,
 )
-from barrett_hand_bridge.hand import HandError
+from barrett_hand_bridge.gcl.port import Port
 
 BITS_PER_BYTE = 10
 UNKNOWN_PARAMETER = 64
 ANSWER_TIMEOUT_S = 2.0
 SHORT_PATIENCE_S = 0.3
 LONG_PATIENCE_S = 1.5
-
-
-class Port(Protocol):
-    """The part of a pyserial port that is used here."""
-
-    baudrate: int
-    timeout: float | None
-
-    @property
-    def in_waiting(self) -> int:
-        """Bytes that can be read at once."""
-
-    def read(self, size: int = 1) -> bytes:
-        """Up to `size` bytes, waiting at most `timeout` seconds."""
-
-    def write(self, data: bytes, /) -> int | None:
-        """Send bytes."""
-
-    def fileno(self) -> int:
-        """File descriptor of the open port."""
-
-    def close(self) -> None:
-        """Let go of the port."""
-
-
-def open_port(name: str) -> Port:
-    """Open a serial port as the hand expects it after power-up: 9600 baud, 8N1, no handshake.
-
-    Raises:
-        HandError: the port does not exist, is in use, or may not be opened.
-    """
-    try:
-        return serial.Serial(name, 9600, timeout=1.0, write_timeout=5.0, exclusive=True)
-    except (serial.SerialException, OSError, ValueError) as error:
-        raise HandError(
-            f'serial port {name!r} cannot be opened ({error}): check parameter port, the cable '
-            'and the rights on the device'
-        ) from error
 
 
 class Line:
@@ -162,16 +121,21 @@ class Line:
         Raises:
             HandLinkError: at none of them.
         """
+        heard = ''
         for patience_s in (SHORT_PATIENCE_S, LONG_PATIENCE_S):
             for speed in speeds:
                 self.port.baudrate = speed
                 try:
                     self.resynchronise(patience_s)
                     return speed
-                except HandLinkError:
-                    continue
+                except HandLinkError as error:
+                    heard = str(error).partition(' baud ')[2] or heard
         tried = ', '.join(str(speed) for speed in speeds)
-        raise HandLinkError(f'no prompt from the hand at {tried} baud')
+        raise HandLinkError(
+            f'no prompt from the hand at {tried} baud {heard}: is it powered, is the cable '
+            'straight-through? A hand that stood without power for a day has lost its '
+            'memory: it asks for its firmware, or obeys erratically, until that is loaded again'
+        )
 
     def change_speed(self, speed: int) -> None:
         """Change the line speed of hand and port.

@@ -19,24 +19,24 @@ from barrett_hand_bridge.hand import (
     HandNotInitialisedError,
     HandSample,
 )
-from barrett_hand_bridge.puck import properties
-from barrett_hand_bridge.puck.frames import NODES, FrameError
-from barrett_hand_bridge.puck.pucks import Pucks
+from barrett_hand_bridge.puck import homing, properties
+from barrett_hand_bridge.puck.frames import FrameError, HandAddresses
+from barrett_hand_bridge.puck.pucks import MOTORS_ALL, SILENCE, Pucks
 from barrett_hand_bridge.puck.replies import (
     HIGHEST_GAUGE_COUNT,
-    MOTORS_ALL,
+    MONITORED,
     Cycle,
     ReplyReader,
 )
+from barrett_hand_bridge.puck.velocity import VelocityCommands, speed_step_rad_s
 
 INNER_RAD_PER_COUNT = 2.0 * math.pi / 4096 / 50.0
 WAKE_SILENCE_S = 1.0
-FINGERS_TIMEOUT_S = 6.0
-SPREAD_TIMEOUT_S = 4.0
-# A motor that has just been told to move may still call itself idle.
-STARTING_S = 0.2
 REFRESH_CYCLES = 25
-TEMPERATURE_CYCLES = 500
+# One monitored property of all motors in so many cycles: each comes about once a second.
+MONITOR_CYCLES = 80
+# MT of the maker's own driver.
+MOTOR_TORQUE = 2200
 # A slow adapter's answer is late, not lost: so much longer it is waited for before asking again.
 SLOW_S = 0.03
 # How long to wait for an answer each time that it is asked for again, and for the bus to be quiet.
@@ -46,6 +46,10 @@ QUIET_S = 0.003
 LATE_S = 0.005
 # Two group requests, four gauge and four position replies: 47 bits and 8 per byte at 1 Mbit/s.
 CYCLE_WIRE_S = 806e-6
+NOT_INITIALISED = (
+    'the hand is not known to be initialised since it was switched on: call hand/initialize '
+    '(its fingers will open)'
+)
 
 
 class CanHand:
@@ -58,6 +62,9 @@ class CanHand:
         clock_ns: Callable[[], int] = time.time_ns,
         touch: str = 'none',
         touch_every: int = 10,
+        addresses: HandAddresses | None = None,
+        inner_encoders: bool = True,
+        motor_torque: int = MOTOR_TORQUE,
         prefetch: bool = True,
         late_s: float = LATE_S,
         guard: Callable[[], Guard] | None = None,
@@ -65,12 +72,17 @@ class CanHand:
         """A driver that is not connected yet.
 
         `touch`: `none`, `top10` or `full`, asked for in every `touch_every`-th cycle.
+        `inner_encoders`: false where those of the inner links do not work, as on some hands.
+        `motor_torque`: MT, the highest torque of a motor, in the puck's own units.
         """
         self.late: Callable[[], None] = lambda: None
         self._open_line = open_line
         self._clock_ns = clock_ns
         self._touch = touch
         self._touch_every = touch_every
+        self._addresses = addresses or HandAddresses()
+        self._inner_encoders = inner_encoders
+        self._commands = VelocityCommands(motor_torque)
         self._prefetch = prefetch
         self._late_s = late_s
         self._make_guard = guard
@@ -80,10 +92,10 @@ class CanHand:
         self._aborting = False
         self._asked = False
         self._cycle_count = 0
-        self._sent: dict[int, int] = {}
+        self._touch_motors: tuple[int, ...] = ()
         self._gauge_fitted: dict[int, bool] = dict.fromkeys(FINGERS, True)
         self._limits: dict[int, int | None] = dict.fromkeys(FINGERS)
-        self._replies = ReplyReader()
+        self._replies: ReplyReader | None = None
         self.strange_frames = 0
 
     def _connected(self) -> Pucks:
@@ -98,7 +110,7 @@ class CanHand:
             HandError: no bus, pucks that do not answer, or no hand.
         """
         self.close()
-        pucks = self._pucks = Pucks(self._open_line())
+        pucks = self._pucks = Pucks(self._open_line(), self._addresses)
         try:
             facts = self._introduce(pucks)
         except (HandError, properties.PropertyError) as error:
@@ -110,10 +122,47 @@ class CanHand:
 
     def _introduce(self, pucks: Pucks) -> HandFacts:
         pucks.drain()
+        self._wake(pucks)
+        versions = {motor: pucks.get(motor, 'VERS') for motor in MOTORS_ALL}
+        roles = {motor: pucks.get(motor, 'ROLE') for motor in MOTORS_ALL}
+        if None in versions.values() or None in roles.values():
+            raise HandError('a node woke up but does not say what it is')
+        pucks.firmware = min(version for version in versions.values() if version is not None)
+        for motor, role in roles.items():
+            if (role or 0) & properties.ROLE_PRODUCT != properties.ROLE_HAND:
+                raise HandError(f'{pucks.name(motor)} is not part of a hand (ROLE {role})')
+            pucks.set(motor, 'GRPC', self._addresses.group)
+        self._gauge_fitted = {
+            finger: bool((roles[finger] or 0) & properties.ROLE_GAUGE) for finger in FINGERS
+        }
+        self._replies = ReplyReader(self._addresses, pucks.number)
+        self._initialised = homing.homed(pucks)
+        warnings = self._read_limits(pucks)
+        settings = _stored(pucks, versions)
+        self._commands.prepare(pucks)
+        if self._touch != 'none':
+            warnings += self._begin_touch(pucks, roles)
+        return HandFacts(
+            model='BH8-280',
+            firmware=str(pucks.firmware),
+            serial_number=str(pucks.get(1, 'SN') or 0),
+            encoder=ENCODER_280,
+            highest_gauge_count=4095,
+            ceiling_hz=1.0 / CYCLE_WIRE_S,
+            speed_step_rad_s=speed_step_rad_s(1),
+            warnings=tuple(warnings),
+            settings=settings,
+        )
+
+    def _wake(self, pucks: Pucks) -> None:
         states = {motor: pucks.get(motor, 'STAT') for motor in MOTORS_ALL}
-        silent = [str(NODES[motor]) for motor, state in states.items() if state is None]
+        silent = [
+            str(self._addresses.node(motor)) for motor, state in states.items() if state is None
+        ]
         if silent:
-            raise HandError(f'node {", ".join(silent)} does not answer')
+            raise HandError(
+                f'node {", ".join(silent)} does not answer ({pucks.bus_state()}): {SILENCE}'
+            )
         asleep = [motor for motor, state in states.items() if state == properties.STATUS_RESET]
         for motor in asleep:
             pucks.set(motor, 'STAT', properties.STATUS_READY)
@@ -121,74 +170,71 @@ class CanHand:
             # Traffic while transceivers come up can drive the host off the bus.
             time.sleep(WAKE_SILENCE_S)
             pucks.drain()
-        self._initialised = not asleep
-        versions = [pucks.get(motor, 'VERS') for motor in MOTORS_ALL]
-        roles = {motor: pucks.get(motor, 'ROLE') for motor in MOTORS_ALL}
-        if None in versions or None in roles.values():
-            raise HandError('a node woke up but does not say what it is')
-        pucks.firmware = min(version for version in versions if version is not None)
-        for motor, role in roles.items():
-            if (role or 0) & properties.ROLE_PRODUCT != properties.ROLE_HAND:
-                raise HandError(f'node {NODES[motor]} is not part of a hand (ROLE {role})')
-        self._gauge_fitted = {
-            finger: bool((roles[finger] or 0) & properties.ROLE_GAUGE) for finger in FINGERS
-        }
-        pucks.number('SG')
+
+    def _read_limits(self, pucks: Pucks) -> list[str]:
+        """Read the strain limits; says where there are none."""
+        self._limits = dict.fromkeys(FINGERS)
+        if not pucks.has('HSG'):
+            return [
+                f'firmware {pucks.firmware} has no strain limit HSG (from '
+                f'{properties.OLDEST_STRAIN_LIMIT} on): only the motor torque MT bounds a squeeze '
+                'when this process is late'
+            ]
         self._limits = {finger: pucks.get(finger, 'HSG') or None for finger in FINGERS}
-        serial_number = pucks.get(1, 'SN')
-        if self._touch != 'none':
-            self._begin_touch(pucks, roles)
-        self._sent = {}
-        return HandFacts(
-            model='BH8-280',
-            firmware=str(pucks.firmware),
-            serial_number=str(serial_number or 0),
-            encoder=ENCODER_280,
-            highest_gauge_count=4095,
-            ceiling_hz=1.0 / CYCLE_WIRE_S,
-        )
+        return []
 
-    def _begin_touch(self, pucks: Pucks, roles: Mapping[int, int | None]) -> None:
+    def _begin_touch(self, pucks: Pucks, roles: Mapping[int, int | None]) -> list[str]:
+        """Start the touch cells of the motors that have some; says which do not work."""
         mode = properties.TOUCH_FULL if self._touch == 'full' else properties.TOUCH_TOP_10
+        warnings = []
+        working = []
         for motor in MOTORS_ALL:
-            if (roles[motor] or 0) & properties.ROLE_TOUCH:
-                pucks.set(motor, 'TACT', mode)
+            if not (roles[motor] or 0) & properties.ROLE_TOUCH:
+                continue
+            pucks.set(motor, 'TACT', properties.TOUCH_NONE)
+            identity = pucks.get(motor, 'TACTID') if pucks.has('TACTID') else None
+            if identity == properties.TOUCH_FAILED:
+                warnings.append(
+                    f'the touch cells of {pucks.name(motor)} did not start (TACTID -2)'
+                )
+                continue
+            working.append(motor)
+            pucks.set(motor, 'TACT', mode)
+        self._touch_motors = tuple(working)
+        if not working:
+            warnings.append(f'parameter touch is {self._touch!r}, but no touch cells work')
+        return warnings
 
-    def initialize(self) -> None:
-        """Let fingers, then the spread, find their zero. Takes seconds.
+    def tare_touch(self) -> None:
+        """What the touch cells feel now is nothing from now on.
 
         Raises:
-            HandError: a motor does not finish in time, or `abort` was called.
+            HandError: the bus takes no frames.
+        """
+        mode = properties.TOUCH_FULL if self._touch == 'full' else properties.TOUCH_TOP_10
+        for motor in self._touch_motors:
+            self._connected().set(motor, 'TACT', properties.TOUCH_TARE)
+            self._connected().set(motor, 'TACT', mode)
+
+    def initialize(self) -> None:
+        """Let fingers, then the spread, find their zero, and the touch cells. Takes seconds.
+
+        Raises:
+            HandError: a motor does not finish in time, or `abort` was called; all are idle then.
         """
         pucks = self._connected()
         pucks.drain()
         self._asked = False
-        self._sent = {}
+        self._commands.forget()
         self._aborting = False
-        for finger in FINGERS:
-            pucks.set(finger, 'CMD', properties.COMMAND_INITIALISE)
-        self._await_rest(pucks, FINGERS, FINGERS_TIMEOUT_S)
-        pucks.set(SPREAD, 'CMD', properties.COMMAND_INITIALISE)
-        self._await_rest(pucks, (SPREAD,), SPREAD_TIMEOUT_S)
+        self._initialised = False
+        homing.home(pucks, lambda: self._aborting)
         self._initialised = True
+        self.tare_touch()
 
-    def _await_rest(self, pucks: Pucks, motors: tuple[int, ...], timeout_s: float) -> None:
-        """Wait until motors are idle, or hold their position after arriving."""
-        deadline = time.monotonic() + timeout_s
-        waiting = set(motors)
-        time.sleep(STARTING_S)
-        while waiting:
-            if self._aborting:
-                pucks.set_all('MODE', properties.MODE_IDLE)
-                raise HandError('initialisation was stopped')
-            if time.monotonic() > deadline:
-                names = ', '.join(str(NODES[motor]) for motor in sorted(waiting))
-                raise HandError(f'node {names} did not finish initialising in {timeout_s:g} s')
-            for motor in tuple(waiting):
-                mode = pucks.get(motor, 'MODE')
-                if mode in (properties.MODE_IDLE, properties.MODE_PID):
-                    waiting.discard(motor)
-            time.sleep(0.02)
+    def watch_guard(self) -> bool:
+        """See `Hand`."""
+        return self._guard is not None and self._guard.watch()
 
     def sample(self, velocities: Mapping[int, float] | None) -> HandSample:
         """One cycle: gauges and positions of all motors by two group requests.
@@ -198,9 +244,7 @@ class CanHand:
             HandError: the bus is gone or a puck no longer answers.
         """
         if not self._initialised:
-            raise HandNotInitialisedError(
-                'the hand is not initialised: call hand/initialize (its fingers will open)'
-            )
+            raise HandNotInitialisedError(NOT_INITIALISED)
         if not self._asked:
             self._request(velocities)
         self._asked = False
@@ -216,9 +260,10 @@ class CanHand:
             missing = cycle.missing()
             pucks = self._connected()
             pucks.drain()
-            states = {motor: pucks.get(motor, 'STAT') for motor in MOTORS_ALL}
-            self._initialised = all(s == properties.STATUS_READY for s in states.values())
-            raise HandError(f'no reply from {missing}: is it asleep or unplugged?')
+            self._initialised = homing.homed(pucks)
+            raise HandError(
+                f'no reply from {missing}: is it asleep or unplugged? ({pucks.bus_state()})'
+            )
         if self._prefetch:
             self._request(velocities)
             self._asked = True
@@ -228,35 +273,15 @@ class CanHand:
         pucks = self._connected()
         self._cycle_count += 1
         if velocities is not None:
-            self._command(pucks, velocities)
+            refresh = self._cycle_count % REFRESH_CYCLES == 0
+            self._commands.send(pucks, velocities, refresh=refresh)
         pucks.ask_all('SG')
         pucks.ask_all('P')
-        if self._cycle_count % TEMPERATURE_CYCLES == 1:
-            pucks.ask_all('TEMP')
-        if self._touch != 'none' and self._cycle_count % self._touch_every == 0:
+        turn, rest = divmod(self._cycle_count - 1, MONITOR_CYCLES)
+        if rest == 0:
+            pucks.ask_all(MONITORED[turn % len(MONITORED)])
+        if self._touch_motors and self._cycle_count % self._touch_every == 0:
             pucks.ask_all('TACT')
-
-    def _command(self, pucks: Pucks, velocities: Mapping[int, float]) -> None:
-        """Send velocities where they changed, and all of them now and then."""
-        if self._cycle_count % REFRESH_CYCLES == 0:
-            self._sent.clear()
-        scale = ENCODER_280
-        for motor in MOTORS_ALL:
-            per_count = (
-                scale.spread_rad_per_count if motor == SPREAD else scale.finger_rad_per_count
-            )
-            wanted = velocities.get(motor, 0.0) / per_count / 1000.0
-            speed = round(wanted)
-            if speed == 0 and wanted != 0.0:
-                speed = 1 if wanted > 0 else -1
-            if self._sent.get(motor) == speed:
-                continue
-            self._sent[motor] = speed
-            if speed == 0:
-                pucks.set(motor, 'MODE', properties.MODE_IDLE)
-            else:
-                pucks.set(motor, 'V', speed)
-                pucks.set(motor, 'MODE', properties.MODE_VELOCITY)
 
     def _gather_again(self, cycle: Cycle) -> int:
         """Ask for what a late or lost frame should have brought; returns the first one's time."""
@@ -273,7 +298,7 @@ class CanHand:
     def _gather(self, cycle: Cycle, timeout_s: float) -> int:
         """Collect replies until the cycle is complete; returns the time of the first one."""
         pucks = self._connected()
-        gauge = pucks.number('SG')
+        assert self._replies is not None
         deadline = time.monotonic() + timeout_s
         stamp_ns = 0
         while not cycle.complete():
@@ -285,15 +310,22 @@ class CanHand:
                 break
             stamp_ns = stamp_ns or self._clock_ns()
             try:
-                self._replies.take(frame, cycle, gauge)
+                self._replies.take(frame, cycle)
             except FrameError:
                 self.strange_frames += 1
         return stamp_ns
 
     def _sample(self, cycle: Cycle, stamp_ns: int) -> HandSample:
+        assert self._replies is not None
         limits = self._limits
         gauges = [cycle.gauges[f] if self._gauge_fitted[f] else None for f in FINGERS]
-        inner = [cycle.positions[finger][1] for finger in FINGERS]
+        inner = [
+            cycle.positions[finger][1] if self._inner_encoders else None for finger in FINGERS
+        ]
+        clutches = [
+            self._replies.clutch_open(cycle.positions[finger][0], counts)
+            for finger, counts in zip(FINGERS, inner, strict=True)
+        ]
         angles = [None if counts is None else counts * INNER_RAD_PER_COUNT for counts in inner]
         relieving = [
             g is not None and _gives_way(g, limits[finger])
@@ -309,14 +341,18 @@ class CanHand:
             strain_limits=(limits[1], limits[2], limits[3]),
             relieving=(relieving[0], relieving[1], relieving[2]),
             tactile_n_per_cm2=self._replies.pressures(),
+            clutch_open=(clutches[0], clutches[1], clutches[2]),
+            motors=self._replies.motors(),
         )
 
     def limit_force(self, counts: Mapping[int, int | None]) -> None:
-        """Set HSG per finger: above it the finger gives way by itself (0: no limit).
+        """Set HSG per finger, where the firmware has it: above it the finger gives way by itself.
 
         Raises:
             HandError: the bus takes no frames.
         """
+        if not self._connected().has('HSG'):
+            return
         for finger, limit in counts.items():
             value = 0 if limit is None else min(max(limit, 1), HIGHEST_GAUGE_COUNT)
             self._connected().set(finger, 'HSG', value)
@@ -328,14 +364,14 @@ class CanHand:
         Raises:
             HandError: the bus takes no frames.
         """
-        self._sent = {}
-        self._connected().set_all('MODE', properties.MODE_IDLE)
+        self._commands.forget()
+        self._connected().idle()
 
     @staticmethod
-    def stop_all(bus: can.BusABC) -> None:
+    def stop_all(bus: can.BusABC, addresses: HandAddresses) -> None:
         """All motors of the hand idle, over a bus that nobody else uses; then let go of it."""
-        pucks = Pucks(bus)
-        pucks.set_all('MODE', properties.MODE_IDLE)
+        pucks = Pucks(bus, addresses)
+        pucks.idle()
         pucks.shut()
 
     def abort(self) -> None:
@@ -354,8 +390,8 @@ class CanHand:
         guard, self._guard = self._guard, None
         if guard is not None:
             guard.dismiss()
-        self._sent, self._asked, self._cycle_count = {}, False, 0
-        self._replies = ReplyReader()
+        self._commands.forget()
+        self._asked, self._cycle_count, self._touch_motors = False, 0, ()
         if pucks is not None:
             pucks.shut()
 
@@ -364,3 +400,13 @@ def _gives_way(counts: int, limit: int | None) -> bool:
     """Whether a finger with this reading drives itself back: beyond HSG, or its gauge's ends."""
     low, high = properties.SELF_PRESERVATION_COUNTS
     return not low <= counts <= min(high, high if limit is None else limit)
+
+
+def _stored(pucks: Pucks, versions: Mapping[int, int | None]) -> dict[str, str]:
+    """Firmware of every motor controller, and what it has stored for velocities and torques."""
+    settings = {}
+    for motor in MOTORS_ALL:
+        settings[f'{pucks.name(motor)} firmware'] = str(versions[motor])
+        for name in ('MT', 'MV', 'TSTOP', 'HOLD', 'OTEMP'):
+            settings[f'{pucks.name(motor)} {name} found'] = str(pucks.get(motor, name))
+    return settings

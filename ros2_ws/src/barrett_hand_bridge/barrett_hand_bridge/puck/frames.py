@@ -10,8 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 HOST = 0
-NODES = {1: 11, 2: 12, 3: 13, 4: 14}
-MOTORS = {node: motor for motor, node in NODES.items()}
+NODES = (11, 12, 13, 14)
 GROUP_HAND = 5
 GROUP_PROPERTY = 6
 GROUP_POSITION = 3
@@ -43,6 +42,22 @@ class Address:
     sender: int
     destination: int
     group: bool
+
+
+@dataclass(frozen=True)
+class HandAddresses:
+    """Where the motors of one hand are on its bus: their nodes, and the group of all four."""
+
+    nodes: tuple[int, int, int, int] = NODES
+    group: int = GROUP_HAND
+
+    def node(self, motor: int) -> int:
+        """The node of motor 1 to 4."""
+        return self.nodes[motor - 1]
+
+    def motor(self, node: int) -> int | None:
+        """The motor at a node; None for a node of somebody else."""
+        return self.nodes.index(node) + 1 if node in self.nodes else None
 
 
 def encode_address(address: Address) -> int:

@@ -24,18 +24,20 @@ OLDEST_GAUGE = 61
 OLDEST_INNER_ENCODER = 125
 OLDEST_TOUCH = 142
 OLDEST_TOUCH_IDENTITY = 145
+# The strain limit is there earlier, but open drivers set it only from here on.
+OLDEST_STRAIN_LIMIT = 182
 
 MODE_IDLE = 0
 MODE_PID = 3
 MODE_VELOCITY = 4
 COMMAND_INITIALISE = 13
-COMMAND_TERMINATE = 21
 STATUS_RESET = 0
 STATUS_READY = 2
 ROLE_PRODUCT = 0x1F
 ROLE_HAND = 5
 ROLE_GAUGE = 0x0800
 ROLE_TOUCH = 0x1000
+TOUCH_FAILED = -2
 TOUCH_NONE, TOUCH_TOP_10, TOUCH_FULL, TOUCH_TARE = 0, 1, 2, 3
 
 # Beyond these readings the finger relieves itself, whatever is commanded (about 1.14 N m).
@@ -60,6 +62,7 @@ def number(name: str, firmware: int) -> int:
         'JOFST': OLDEST_INNER_ENCODER,
         'TACT': OLDEST_TOUCH,
         'TACTID': OLDEST_TOUCH_IDENTITY,
+        'HSG': OLDEST_STRAIN_LIMIT,
     }.get(name, 0)
     if firmware < oldest:
         raise PropertyError(

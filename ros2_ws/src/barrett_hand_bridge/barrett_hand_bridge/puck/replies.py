@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from barrett_hand_bridge.hand import FINGERS, SPREAD
@@ -12,18 +13,23 @@ from barrett_hand_bridge.puck.frames import (
     GROUP_POSITION,
     GROUP_PROPERTY,
     GROUP_TOP_10,
-    MOTORS,
     Frame,
     FrameError,
+    HandAddresses,
     decode_address,
     decode_full_frame,
     decode_position,
     decode_property,
     decode_top_10,
 )
-from barrett_hand_bridge.puck.properties import NUMBERS
+from barrett_hand_bridge.puck.pucks import MOTORS_ALL
 
-MOTORS_ALL = (*FINGERS, SPREAD)
+# What each motor controller is asked for in turn, one property of all four at a time.
+MONITORED = ('TEMP', 'THERM', 'VBUS', 'IMOTOR', 'MODE', 'ERROR')
+TEMPERATURES = ('TEMP', 'THERM')
+# An outer link stands beside its inner one by so many motor counts when the clutch has let go.
+BREAKAWAY_COUNTS = 9_500
+MOTOR_PER_INNER_COUNT = 2.5
 HIGHEST_FINGER_COUNTS = 215_000
 HIGHEST_SPREAD_COUNTS = 40_000
 HIGHEST_GAUGE_COUNT = 4095
@@ -56,40 +62,53 @@ class Cycle:
 class ReplyReader:
     """Sorts frames into a cycle, and the frames of touch pictures into whole pictures."""
 
-    def __init__(self) -> None:
-        """No picture yet."""
+    def __init__(self, addresses: HandAddresses, number: Callable[[str], int]) -> None:
+        """Replies from `addresses`; `number` gives the number of a property. No picture yet."""
+        self._addresses = addresses
+        self._gauge = number('SG')
+        self._monitored = {number(name): name for name in MONITORED}
         self._parts: dict[int, dict[int, tuple[float, ...]]] = {}
         self._pressures: dict[int, tuple[float, ...]] = {}
-        self._temperatures_c: dict[int, int] = {}
+        self._motors: dict[int, dict[str, int]] = {motor: {} for motor in MOTORS_ALL}
 
     def hottest_c(self) -> float | None:
-        """The newest temperature of the hottest motor controller; None before the first."""
-        return float(max(self._temperatures_c.values())) if self._temperatures_c else None
+        """The newest temperature of the hottest motor or controller; None before the first."""
+        told = [
+            value
+            for properties in self._motors.values()
+            for name, value in properties.items()
+            if name in TEMPERATURES
+        ]
+        return float(max(told)) if told else None
+
+    def motors(self) -> dict[int, dict[str, int]]:
+        """The newest monitored properties by motor and name."""
+        return {motor: dict(properties) for motor, properties in self._motors.items()}
 
     def pressures(self) -> dict[int, tuple[float, ...]] | None:
         """The newest whole picture per motor in N/cm2; None before the first."""
         return dict(self._pressures) if self._pressures else None
 
-    def take(self, frame: Frame, cycle: Cycle, gauge_property: int) -> None:
+    def take(self, frame: Frame, cycle: Cycle) -> None:
         """Take one frame.
 
         Raises:
             FrameError: it cannot be right.
         """
         address = decode_address(frame.identifier)
-        motor = MOTORS.get(address.sender)
+        motor = self._addresses.motor(address.sender)
         if motor is None or not address.group:
             return
         if address.destination == GROUP_PROPERTY:
             number, value = decode_property(frame.data)
-            if number == gauge_property and motor != SPREAD:
+            if number == self._gauge and motor != SPREAD:
                 if not 0 <= value <= HIGHEST_GAUGE_COUNT:
                     raise FrameError(f'gauge reading {value} beyond 12 bits')
                 cycle.gauges[motor] = value
-            elif number == NUMBERS['TEMP']:
-                if value not in TEMPERATURES_C:
-                    raise FrameError(f'temperature {value} beyond what a motor controller stands')
-                self._temperatures_c[motor] = value
+            elif (name := self._monitored.get(number)) is not None:
+                if name in TEMPERATURES and value not in TEMPERATURES_C:
+                    raise FrameError(f'{name} {value} beyond what a motor stands')
+                self._motors[motor][name] = value
         elif address.destination == GROUP_POSITION:
             position, inner = decode_position(frame.data)
             highest = HIGHEST_SPREAD_COUNTS if motor == SPREAD else HIGHEST_FINGER_COUNTS
@@ -100,6 +119,13 @@ class ReplyReader:
             self._pressures[motor] = decode_top_10(frame.data)
         elif address.destination == GROUP_FULL:
             self._take_part(motor, frame.data)
+
+    @staticmethod
+    def clutch_open(position: int, inner: int | None) -> bool | None:
+        """Whether a finger broke away, from motor and inner-link counts; None without those."""
+        if inner is None:
+            return None
+        return position - MOTOR_PER_INNER_COUNT * inner > BREAKAWAY_COUNTS
 
     def _take_part(self, motor: int, data: bytes) -> None:
         part, values = decode_full_frame(data)

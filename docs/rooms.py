@@ -23,6 +23,7 @@ FRONT_DOOR = ''
 ORDER = (
     FRONT_DOOR,
     'commands',
+    'squeeze',
     'node',
     'live.tick',
     'live.background',
@@ -30,6 +31,7 @@ ORDER = (
     'identify',
     'verification',
     'solve',
+    'picture',
     'readout',
     'building',
     'model',

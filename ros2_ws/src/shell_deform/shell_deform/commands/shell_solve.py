@@ -19,15 +19,14 @@ from shell_deform.building import build_model, object_contacts, with_material
 from shell_deform.commands.console import CommandError, print_json, progress, run
 from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject, load_object
-from shell_deform.readout import read_out, thickness_warning
-from shell_deform.solve.equilibrium import End, Equilibrium, displaced, forced
+from shell_deform.picture import surface_figure
+from shell_deform.readout import read_out
+from shell_deform.solve.equilibrium import Equilibrium, displaced, forced
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.squeeze import warnings_of
 from shell_deform.theory import THEORIES
 
 Array = NDArray[np.float64]
-
-UNBALANCED_SHARE = 0.01
-"""An unbalanced moment below this share of the pushes times the object's size is not told."""
 
 
 @dataclass(frozen=True)
@@ -75,14 +74,13 @@ def _solve(options: argparse.Namespace) -> None:
         state = found
         results.append(Solved(state, time.perf_counter() - start))
     cpu = time.process_time() - loaded[1]
-    for warning in _warnings(shell_object, model, state):
+    readout = read_out(model, state.positions, shell_object.yield_stress_pa)
+    for warning in warnings_of(model, state, readout):
         print(f'shell_solve: note: {warning}', file=sys.stderr)
     if options.mesh:
         _write_mesh(options.mesh, model, state)
     if options.picture:
-        from shell_deform.commands.picture import draw_state
-
-        draw_state(options.picture, shell_object, model, state)
+        _draw(options.picture, shell_object, model, state)
     if options.json:
         print_json(
             {
@@ -115,26 +113,24 @@ def _point(solved: Solved) -> dict[str, Any]:
     }
 
 
-def _warnings(shell_object: ShellObject, model: ShellModel, state: Equilibrium) -> list[str]:
-    found = [thickness_warning(model)]
-    if state.end is End.SNAP:
-        found.append('the shell snaps on the way: a jump under dead load may land elsewhere')
-    moment = float(np.linalg.norm(state.unbalance[3:]))
-    arm = UNBALANCED_SHARE * float(np.ptp(model.rest, axis=0).max())
-    if model.supports is None and moment > arm * float(np.abs(state.force).sum()):
-        found.append(
-            f'the pushes are not in line: a moment of {moment:.3g} N m is left unbalanced and held'
-        )
-    found.extend(read_out(model, state.positions, shell_object.yield_stress_pa).warnings)
-    return [warning for warning in found if warning]
-
-
 def _write_mesh(path: Path, model: ShellModel, state: Equilibrium) -> None:
     import trimesh
 
     mesh = model.shell.mesh
     points = model.surface.limit_positions(state.positions)
     trimesh.Trimesh(points, mesh.triangles[mesh.active], process=False).export(path)
+
+
+def _draw(path: Path, shell_object: ShellObject, model: ShellModel, state: Equilibrium) -> None:
+    mesh = model.shell.mesh
+    points = model.surface.limit_positions(state.positions)
+    moved = points - model.surface.limit_positions(model.rest)
+    title = (
+        f'{shell_object.name}: {np.mean(state.force):.3g} N per contact, '
+        f'{1e3 * np.max(state.displacement):.3g} mm'
+    )
+    figure = surface_figure(points, mesh.triangles[mesh.active], moved, title)
+    figure.savefig(path, bbox_inches='tight')
 
 
 def _print_table(

@@ -8,7 +8,7 @@ PYTHON ?= python3
 # summary counts it.
 PYTEST := -m pytest -n 2 --dist loadfile --no-loadscope-reorder --reruns 1
 BIN := .venv/bin
-PACKAGES := barrett_hand_bridge shell_deform scan_compare grasp_replay grasp_view
+PACKAGES := grasp_common barrett_hand_bridge shell_deform scan_compare grasp_replay grasp_view
 SOURCES := $(addprefix ros2_ws/src/,$(PACKAGES))
 EDITABLE := $(addprefix -e ./,$(SOURCES))
 SETUPS := $(addsuffix /setup.py,$(SOURCES))

@@ -1,0 +1,1 @@
+"""What the grasp packages repeat: clouds, parameters, shutdown, diagnostics, terminal text."""

@@ -1,0 +1,137 @@
+"""How every node here starts, declares its parameters and ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Protocol, TypeVar
+
+import rclpy
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
+
+from grasp_common.messages import descriptor
+from grasp_common.parameter_table import Parameter, ParameterError, unknown
+from grasp_common.terminal import complain
+
+WRONG_ROS_ARGUMENTS: tuple[type[Exception], ...] = (
+    rclpy_implementation.UnknownROSArgsError,
+    rclpy_implementation.RCLInvalidROSArgsError,
+)
+"""What rclpy raises when it starts with arguments that it cannot read."""
+
+WRONG_PARAMETERS: tuple[type[Exception], ...] = (
+    ParameterError,
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+)
+"""What a node raises while it declares its parameters."""
+
+OF_EVERY_NODE = ('use_sim_time', 'start_type_description_service')
+
+
+class Closable(Protocol):
+    """A node that owns more than ROS knows of."""
+
+    def close(self) -> None:
+        """End everything that it started."""
+
+
+Owner = TypeVar('Owner', bound=Closable)
+
+
+def declare(node: Node, parameters: Iterable[Parameter]) -> None:
+    """Declare the table on the node and warn of given names that are none of its parameters."""
+    table = tuple(parameters)
+    for parameter in table:
+        node.declare_parameter(parameter.name, parameter.default, descriptor(parameter))
+    known = [*(parameter.name for parameter in table), *OF_EVERY_NODE]
+    for name in node._parameter_overrides:
+        if name not in known and not name.startswith('qos_overrides.'):
+            node.get_logger().warning(unknown(name, known))
+
+
+def status_name(node: Node, part: str) -> str:
+    """Name of a diagnostic status: namespace and node, then the part, as `left/hand_bridge: hand`.
+
+    Two nodes of one name in two namespaces stay two for whoever gathers `/diagnostics`.
+    """
+    return f'{node.get_fully_qualified_name().removeprefix("/")}: {part}'
+
+
+def end_by_signals() -> None:
+    """Let rclpy's own handlers end the context: on SIGINT and SIGTERM, and so on SIGHUP.
+
+    Python's KeyboardInterrupt would break into whatever runs just then, and in the middle of a
+    call into C++ come out as an error of that call.
+    """
+    signal.signal(signal.SIGINT, lambda *_: None)
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
+
+
+def spin(node: Any, executor: Executor) -> None:
+    """Serve the node until the context ends."""
+    executor.spin()
+
+
+def run_node(
+    program: str,
+    make: Callable[[], Owner],
+    arguments: Sequence[str] | None = None,
+    *,
+    usage: Callable[[], str] | None = None,
+    errors: tuple[type[Exception], ...] = (),
+    serve: Callable[[Owner, Executor], None] = spin,
+) -> int:
+    """Make a node, serve it until a signal, close it; returns the exit code.
+
+    `arguments` default to those of the process. `errors` and wrong parameters end it with one
+    sentence and exit code 1, arguments that nobody knows with 2.
+    """
+    everything = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        given = remove_ros_args(everything)
+    except WRONG_ROS_ARGUMENTS as error:
+        complain(program, error)
+        return 2
+    if usage is not None and {'-h', '--help'} & set(given):
+        print(usage())
+        return 0
+    if given:
+        complain(program, f'unknown argument {given[0]!r}; see --help')
+        return 2
+    end_by_signals()
+    executor: SingleThreadedExecutor | None = None
+    node: Owner | None = None
+    try:
+        rclpy.init(args=[program, *everything])
+        executor = SingleThreadedExecutor()
+        node = make()
+        executor.add_node(node)  # type: ignore[arg-type]  # a Node that can be closed
+        serve(node, executor)
+    except WRONG_ROS_ARGUMENTS as error:
+        complain(program, error)
+        return 2
+    except (*WRONG_PARAMETERS, *errors) as error:
+        complain(program, error)
+        return 1
+    except ExternalShutdownException:
+        pass
+    except Exception:
+        # Whatever is made, sent or waited for after the signal complains.
+        if rclpy.ok():
+            raise
+    finally:
+        if executor is not None:
+            executor.shutdown()
+        if node is not None:
+            node.close()
+            node.destroy_node()  # type: ignore[attr-defined]
+        rclpy.try_shutdown()
+    return 0

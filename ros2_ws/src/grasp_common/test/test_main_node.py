@@ -1,0 +1,97 @@
+"""A node of a table: started, told apart by namespace, ended by one signal without a traceback."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+PROGRAM = Path(__file__).with_name('small_node.py')
+
+
+def running(*arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, str(PROGRAM), *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def started(*arguments: str) -> tuple[subprocess.Popen[str], list[str]]:
+    process = running(*arguments)
+    assert process.stdout is not None
+    lines: list[str] = []
+    for line in process.stdout:
+        lines.append(line)
+        if 'ready' in line:
+            return process, lines
+    pytest.fail(''.join(lines))
+
+
+def ended(*arguments: str) -> tuple[int, str]:
+    process = running(*arguments)
+    text = process.communicate(timeout=30)[0]
+    return process.returncode, text
+
+
+@pytest.mark.parametrize('name', ['SIGINT', 'SIGTERM', 'SIGHUP'])
+def test_every_signal_ends_it_cleanly(domain_id: int, name: str) -> None:
+    process, _ = started()
+    process.send_signal(getattr(signal, name))
+    text = process.communicate(timeout=20)[0]
+    assert (process.returncode, text) == (0, 'closed\n')
+
+
+def test_a_terminal_that_hangs_up_on_nohup_is_ignored(domain_id: int) -> None:
+    old = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        process, _ = started()
+    finally:
+        signal.signal(signal.SIGHUP, old)
+    process.send_signal(signal.SIGHUP)
+    time.sleep(1.5)
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=20) and process.returncode == 0
+
+
+def test_the_status_name_carries_the_namespace(domain_id: int) -> None:
+    process, lines = started('--ros-args', '-r', '__ns:=/left')
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=20)
+    assert 'status left/small: part\n' in lines
+
+
+def test_an_unknown_parameter_is_named_with_the_nearest(domain_id: int) -> None:
+    process, lines = started('--ros-args', '-p', 'spede:=2.0', '-p', 'use_sim_time:=true')
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=20)
+    told = ''.join(lines)
+    assert "there is no parameter 'spede'; did you mean speed?" in told
+    assert 'use_sim_time' not in told
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'code', 'complaint'),
+    [
+        (('--nonsense',), 2, "small: unknown argument '--nonsense'; see --help"),
+        (('--ros-args', '-r', '__node:=a b'), 2, 'small: '),
+        (('--ros-args', '-p', 'speed:=fast'), 1, 'small: '),
+        (('--ros-args', '-p', 'speed:=-1.0'), 1, 'speed'),
+    ],
+)
+def test_wrong_arguments_are_one_sentence(
+    domain_id: int, arguments: tuple[str, ...], code: int, complaint: str
+) -> None:
+    got, text = ended(*arguments)
+    assert got == code and complaint in text and 'Traceback' not in text
+
+
+def test_help_needs_no_ros_graph() -> None:
+    code, text = ended('--help')
+    assert code == 0 and 'speed (default 1.0)' in text

@@ -7,10 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-WELD_CELLS = 2**20
-"""Vertices in the same cell of a grid of this many cells along the longest side are one vertex.
+WELD_SHARE = 2.0**-20
+"""Vertices closer than this share of the size of a scan may be one vertex.
 
-For a ball of 65 mm a cell is 0.06 micrometres: far below any scanner, above rounding of text."""
+For a ball of 65 mm that is 0.06 micrometres: far below any scanner, above rounding of text. The
+size is that of most points, so that a stray one coarsens nothing."""
+
+WELD_SPACING_SHARE = 2.0**-10
+"""... and closer than this share of the distance between neighbouring points."""
+
+STRAY_FACTOR = 100.0
+"""Points further from the middle than this many sizes of the scan are no part of it."""
 
 PIECE = 2**17
 """Points or faces treated at once, so that working memory does not grow with a scan."""
@@ -90,7 +97,14 @@ def clean(points: np.ndarray, triangles: np.ndarray | None) -> Cleaned:
     good = _finite(points)
     if not good.all():
         notes.append(f'{np.count_nonzero(~good)} points with NaN or infinite coordinates dropped')
-    kept, to_welded = weld(points, good)
+    middle, size = _middle_and_size(points, good)
+    strays = _drop_strays(points, good, middle, size)
+    if strays:
+        notes.append(
+            f'{strays} points dropped that lie more than {STRAY_FACTOR:g} times the size of the '
+            'scan away from it'
+        )
+    kept, to_welded = weld(points, good, middle, size)
     if len(kept) < np.count_nonzero(good):
         notes.append(f'{np.count_nonzero(good)} points welded to {len(kept)}')
     welded = _gathered(points, kept)
@@ -135,15 +149,50 @@ def _gathered(rows: np.ndarray, kept: np.ndarray) -> np.ndarray:
     return front if 2 * len(kept) > len(rows) else front.copy()
 
 
-def weld(points: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _middle_and_size(points: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the median (3,) of the good points and the largest side of the box of most of them.
+
+    Most: between the 5 % and 95 % quantiles of each coordinate. Where they are all in one place
+    the size is that of the box of all points.
+    """
+    low, middle, high = np.zeros(3), np.zeros(3), np.zeros(3)
+    if not good.any():
+        return middle, 0.0
+    whole = bool(good.all())
+    for axis in range(3):
+        # one coordinate after the other: a quantile works on a copy
+        values = points[:, axis] if whole else points[good, axis]
+        low[axis], middle[axis], high[axis] = np.quantile(values, (0.05, 0.5, 0.95))
+        if high[axis] == low[axis]:
+            middle[axis] = low[axis]
+    size = float((high - low).max())
+    if size == 0.0:
+        size = max(float(np.ptp(points[good, axis])) for axis in range(3))
+    return middle, size
+
+
+def _drop_strays(points: np.ndarray, good: np.ndarray, middle: np.ndarray, size: float) -> int:
+    """Mark points that are far from all others as not good; returns how many."""
+    before = int(np.count_nonzero(good))
+    for piece in _pieces(len(points)):
+        with np.errstate(invalid='ignore'):
+            near = np.abs(points[piece] - middle).max(axis=1) <= STRAY_FACTOR * size
+        good[piece] &= near
+    return before - int(np.count_nonzero(good))
+
+
+def weld(
+    points: np.ndarray, good: np.ndarray, middle: np.ndarray, size: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Find the points that share a cell of a fine grid, among those (n,) that are `good`.
 
+    middle (3,), size: where the points lie; the cells follow from size and number of them.
     Returns the indices of the first point of each cell (k,), ascending, and, for each given
     point, its place among them (n,) int32, -1 where it is not good.
     """
     number = np.full(len(points), -1, np.int32)
     place = None if good.all() else np.flatnonzero(good).astype(np.int32)
-    key = _cell_keys(points, place)
+    key = _cell_keys(points, place, middle, size)
     order = np.argsort(key, kind='stable')
     last_key, leader = None, 0
     for piece in _pieces(len(order)):
@@ -172,23 +221,22 @@ def weld(points: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.flatnonzero(is_leader), number
 
 
-def _cell_keys(points: np.ndarray, place: np.ndarray | None) -> np.ndarray:
-    """Return one integer (n,) for each point, or each at `place`: its cell of the welding grid."""
+def _cell_keys(
+    points: np.ndarray, place: np.ndarray | None, middle: np.ndarray, size: float
+) -> np.ndarray:
+    """Return a hash (n,) for each point, or each at `place`, of its cell of the welding grid."""
     count = len(points) if place is None else len(place)
-    key = np.zeros(count, np.int64)
+    key = np.zeros(count, np.uint64)
     if count == 0:
         return key
-
-    def rows(piece: slice) -> np.ndarray:
-        return points[piece] if place is None else points[place[piece]]
-
-    low = np.min([rows(piece).min(axis=0) for piece in _pieces(count)], axis=0)
-    high = np.max([rows(piece).max(axis=0) for piece in _pieces(count)], axis=0)
-    side = float((high - low).max())
-    scale = (WELD_CELLS - 1) / side if side > 0.0 else 0.0
+    # points of a surface lie about size / sqrt(count) apart
+    cell = size * min(WELD_SHARE, WELD_SPACING_SHARE / count**0.5)
+    scale = 1.0 / cell if cell > 0.0 else 0.0
     for piece in _pieces(count):
-        cell = np.rint((rows(piece) - low) * scale).astype(np.int64)
-        key[piece] = (cell[:, 0] * WELD_CELLS + cell[:, 1]) * WELD_CELLS + cell[:, 2]
+        chosen = points[piece] if place is None else points[place[piece]]
+        cells = np.rint((chosen - middle) * scale).astype(np.int64).astype(np.uint64)
+        # 64 bits: two cells of ten million share a hash once in 400 000 scans
+        key[piece] = (cells[:, 0] * MIX + cells[:, 1]) * MIX + cells[:, 2]
     return key
 
 

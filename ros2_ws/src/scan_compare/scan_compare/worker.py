@@ -26,13 +26,14 @@ from scan_compare.deformed_surface import (
     published_mesh,
     surface_from_limit_positions,
 )
+from scan_compare.formats import RawMesh
 from scan_compare.registration import RegistrationError
 from scan_compare.report.files import write_report
 from scan_compare.report.table import verdict
 from scan_compare.rigid import Pose
-from scan_compare.scan import Scan, clean
-from scan_compare.scan_file import ScanFileError, no_points, read_scan
-from scan_compare.units import UnitError, choose_unit, robust_extent
+from scan_compare.scan import Scan
+from scan_compare.scan_file import ScanFileError, read_scan, scan_of
+from scan_compare.units import UnitError
 from shell_deform.objects import ObjectError, ShellObject, load_object, object_mesh
 from shell_deform.surface.control_mesh import ControlMesh, MeshError
 from shell_deform.surface.limit import LimitSurface
@@ -200,16 +201,7 @@ def _same_mesh(shell: ShellObject, triangles: np.ndarray) -> ControlMesh | None:
 def _scan(cloud: Cloud, surface: DeformedSurface) -> Scan:
     if cloud.points is None:
         return read_scan(cloud.source, cloud.unit, surface.extent)
-    cleaned = clean(cloud.points.copy(), None)
-    if len(cleaned.points) == 0:
-        raise ScanFileError(no_points(cloud.source, len(cloud.points)))
-    try:
-        unit = choose_unit(robust_extent(cleaned.points), cloud.unit, surface.extent)
-    except UnitError as error:
-        raise UnitError(f'{cloud.source}: {error}') from None
-    points = cleaned.points
-    points *= unit.metres
-    return Scan(points, None, unit.name, unit.inferred, cloud.source, cleaned.notes)
+    return scan_of(RawMesh(cloud.points.copy(), None), cloud.source, cloud.unit, surface.extent)
 
 
 def serve(connection: Connection) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import struct
 import tracemalloc
 
@@ -62,7 +63,49 @@ def seeds() -> dict[str, tuple[str, bytes]]:
             f'coordIndex [ {index} ] }} }} ] }}\nROUTE A.b TO C.d\nUSE S\n'
         ).encode(),
     )
+    cloud = ''.join('{:g};{:g};{:g};7\n'.format(*p) for p in _POINTS)
+    files['csv'] = ('.csv', ('x;y;z;i\n' + cloud).replace('.', ',').encode())
+    files['pts'] = ('.pts', f'5\n{lines}\n'.encode())
+    files['utf-16'] = ('.txt', lines.encode('utf-16'))
+    files['off'] = (
+        '.off',
+        f'COFF\n5 4 0\n{lines}\n{faces}\n'.encode(),
+    )
+    strip = [0, 2, 1, 3, -1, 0, 3, 4]
+    files['ply strips'] = (
+        '.ply',
+        (
+            ply_head.format('ascii')
+            .replace('face 4', 'tristrips 1')
+            .replace('list uchar', 'list int')
+            + f'{lines}\n8 {" ".join(map(str, strip))}\n'
+        ).encode(),
+    )
+    wedge = ply_head.format('binary_little_endian').replace(
+        'end_header', 'property list uchar float texcoord\nend_header'
+    )
+    body = b''.join(struct.pack('<fff', *p) for p in _POINTS)
+    body += b''.join(struct.pack('<BiiiB6f', 3, *f, 6, *range(6)) for f in _FACES)
+    files['ply wedges'] = ('.ply', wedge.encode() + body)
+    files.update(_pcd_seeds(lines))
+    files['gzip'] = ('.stl', gzip.compress(files['stl binary'][1], mtime=0))
     return files
+
+
+def _pcd_seeds(lines: str) -> dict[str, tuple[str, bytes]]:
+    head = (
+        '# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 5\n'
+        'HEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 5\nDATA '
+    )
+    plain = _POINTS.astype('<f4').T.tobytes()
+    # runs of 32 literals, and a copy of four bytes that runs into itself
+    packed = b'\x1f' + plain[:32] + b'\x1b' + plain[32:]
+    sizes = struct.pack('<II', len(packed), len(plain))
+    return {
+        'pcd ascii': ('.pcd', f'{head}ascii\n{lines}\n'.encode()),
+        'pcd binary': ('.pcd', f'{head}binary\n'.encode() + _POINTS.astype('<f4').tobytes()),
+        'pcd packed': ('.pcd', f'{head}binary_compressed\n'.encode() + sizes + packed),
+    }
 
 
 def mutate(data: bytes, generator: np.random.Generator) -> bytes:

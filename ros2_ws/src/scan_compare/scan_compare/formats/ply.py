@@ -4,66 +4,33 @@ from __future__ import annotations
 
 import struct
 from array import array
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 
+from scan_compare.formats.ply_header import Element, missing, read_header
+from scan_compare.formats.ply_polygons import LARGEST_LIST, PIECE, POLYGONS, integers, list_length
 from scan_compare.formats.raw import (
     CHUNK_FACES,
     RawMesh,
     Rows,
     ScanFileError,
     checked_triangles,
+    chunks_of_lines,
     chunks_of_words,
     parse_numbers,
+    refuse_swapped,
     triangles_from_polygons,
 )
-
-LARGEST_HEADER = 2**16
-PIECE = 2**18
-"""Numbers, bytes or vertices that are gathered at once."""
-
-LARGEST_LIST = 2**20
-"""Most items of one list in a file whose lists are walked through."""
 
 MOST_BYTE_FACES = 2**20
 """Most faces whose indices have one byte: they cannot name more than 256 vertices."""
 
-_TYPES = {
-    **dict.fromkeys(('char', 'int8'), 'i1'),
-    **dict.fromkeys(('uchar', 'uint8'), 'u1'),
-    **dict.fromkeys(('short', 'int16'), 'i2'),
-    **dict.fromkeys(('ushort', 'uint16'), 'u2'),
-    **dict.fromkeys(('int', 'int32'), 'i4'),
-    **dict.fromkeys(('uint', 'uint32'), 'u4'),
-    **dict.fromkeys(('float', 'float32'), 'f4'),
-    **dict.fromkeys(('double', 'float64'), 'f8'),
-}
-_ORDERS = {'ascii': '', 'binary_little_endian': '<', 'binary_big_endian': '>'}
-
-
-@dataclass(frozen=True)
-class _Property:
-    name: str
-    type: str
-    count_type: str | None
-
-
-@dataclass
-class _Element:
-    name: str
-    count: int
-    properties: list[_Property]
-
-    @property
-    def lists(self) -> list[_Property]:
-        return [item for item in self.properties if item.count_type is not None]
-
 
 def read_ply(data: bytes) -> RawMesh:
     """Read PLY; raises ScanFileError if the header is malformed or promises more than is there."""
-    order, elements, body = _header(data)
+    order, elements, body = read_header(data)
     vertex = [element for element in elements if element.name == 'vertex']
     if len(vertex) != 1 or vertex[0].lists:
         raise ScanFileError('PLY needs one element "vertex" with scalar properties only')
@@ -75,69 +42,41 @@ def read_ply(data: bytes) -> RawMesh:
     table: _BinaryBody | _AsciiBody = (
         _BinaryBody(data, body, order) if order else _AsciiBody(data, body)
     )
+    try:
+        points, triangles, notes = _elements(table, elements)
+        if isinstance(table, _AsciiBody) and table.rest():
+            raise ScanFileError('ASCII PLY with more numbers than its header declares')
+    except ScanFileError:
+        # several lists a face: writers are known whose lines end in more than they declare
+        if order or not any(len(element.lists) > 1 for element in elements):
+            raise
+        points, faces = _by_line(data, body, elements)
+        triangles = [faces]
+        notes = ['PLY lines hold more than their header says; what follows the corners left out']
+    found = [piece for piece in triangles if len(piece)]
+    if not found:
+        return RawMesh(points, None, tuple(notes))
+    joined = found[0] if len(found) == 1 else np.concatenate(found)
+    return RawMesh(points, checked_triangles(joined, len(points)), tuple(notes))
+
+
+def _elements(
+    table: _BinaryBody | _AsciiBody, elements: list[Element]
+) -> tuple[np.ndarray, list[np.ndarray], list[str]]:
+    """Read all elements: points (n, 3), pieces of triangles (m, 3), and what was left out."""
     points = np.empty((0, 3))
-    triangles = None
+    triangles: list[np.ndarray] = []
+    notes: list[str] = []
     for element in elements:
         if element.name == 'vertex':
             points = table.points(element)
-        elif element.name == 'face' and len(element.lists) == 1:
-            triangles = table.triangles(element)
+        elif element.name in POLYGONS and element.corners is not None:
+            triangles.append(table.triangles(element))
         else:
             table.skip(element)
-    if triangles is not None:
-        triangles = checked_triangles(triangles, len(points)) if len(triangles) else None
-    return RawMesh(points, triangles)
-
-
-def _header(data: bytes) -> tuple[str, list[_Element], int]:
-    """Return byte order ('' for ASCII), elements and the offset of the body."""
-    end = data.find(b'end_header', 0, LARGEST_HEADER)
-    if not data.startswith(b'ply') or end < 0:
-        raise ScanFileError('PLY header without "ply" at its start or "end_header" at its end')
-    body = end + len(b'end_header')
-    body += 2 if data[body : body + 2] == b'\r\n' else 1
-    order = None
-    elements: list[_Element] = []
-    for line in data[3:end].decode('latin-1').replace('\r', '\n').split('\n'):
-        words = line.split()
-        if not words or words[0] in ('comment', 'obj_info'):
-            continue
-        try:
-            if words[0] == 'format':
-                order = _ORDERS[words[1]]
-            elif words[0] == 'element':
-                elements.append(_Element(words[1], _count(words[2]), []))
-            elif words[0] == 'property':
-                elements[-1].properties.append(_property(words))
-            else:
-                raise ScanFileError(f'PLY header line not understood: {line[:60]!r}')
-        except (KeyError, IndexError):
-            raise ScanFileError(f'PLY header line not understood: {line[:60]!r}') from None
-    if order is None:
-        raise ScanFileError('PLY header without a format line')
-    return order, elements, body
-
-
-def _count(word: str) -> int:
-    if not (word.isascii() and word.isdigit() and len(word) < 19):
-        raise ScanFileError(f'PLY element count {word[:40]!r} is not a number of elements')
-    return int(word)
-
-
-def _property(words: list[str]) -> _Property:
-    if words[1] == 'list':
-        count_type = _TYPES[words[2]]
-        if count_type.startswith('f'):
-            raise ScanFileError('PLY list with a count that is not an integer type')
-        return _Property(words[4], _TYPES[words[3]], count_type)
-    return _Property(words[2], _TYPES[words[1]], None)
-
-
-def _missing(element: _Element, present: int) -> ScanFileError:
-    return ScanFileError(
-        f'PLY declares {element.count} elements "{element.name}" but holds about {present}; '
-        'the file is cut or its header is wrong'
-    )
+            if element.lists:
+                notes.append(f'{element.count} PLY elements "{element.name[:40]}" left out')
+    return points, triangles, notes
 
 
 class _BinaryBody:
@@ -148,32 +87,36 @@ class _BinaryBody:
         self._position = min(start, len(data))
         self._order = order
 
-    def _records(self, element: _Element, fields: list[tuple[str, str]], count: int) -> np.ndarray:
+    def _records(self, element: Element, fields: list[tuple[str, str]], count: int) -> np.ndarray:
         """Read the next `count` of the element's records, all of one size."""
         record = np.dtype([(f'f{k}', self._order + kind) for k, (_, kind) in enumerate(fields)])
         if count == 0 or record.itemsize == 0:
             return np.empty(0, record)
         left = len(self._data) - self._position
         if count * record.itemsize > left:
-            raise _missing(element, left // record.itemsize)
+            raise missing(element, left // record.itemsize)
         table = np.frombuffer(self._data, record, count, self._position)
         self._position += count * record.itemsize
         return table
 
-    def _scalars(self, element: _Element) -> np.ndarray:
+    def _scalars(self, element: Element) -> np.ndarray:
         fields = [(item.name, item.type) for item in element.properties]
         return self._records(element, fields, element.count)
 
-    def points(self, element: _Element) -> np.ndarray:
+    def points(self, element: Element) -> np.ndarray:
         names = [item.name for item in element.properties]
         table = self._scalars(element)
         points = np.empty((len(table), 3))
         for axis, name in enumerate('xyz'):
-            points[:, axis] = table[f'f{names.index(name)}']
+            column = table[f'f{names.index(name)}']
+            refuse_swapped(column, 'binary PLY')
+            points[:, axis] = column
         return points
 
-    def triangles(self, element: _Element) -> np.ndarray:
-        kind = np.dtype(self._order + element.lists[0].type)
+    def triangles(self, element: Element) -> np.ndarray:
+        corners = element.corners
+        assert corners is not None
+        kind = np.dtype(self._order + element.lists[corners].type)
         if kind.itemsize == 1 and element.count > MOST_BYTE_FACES:
             raise ScanFileError(
                 f'PLY declares {element.count} faces whose indices of 8 bits name 256 vertices at '
@@ -182,17 +125,22 @@ class _BinaryBody:
         stored = np.frombuffer(self._data, np.uint8)
         triangles = Rows(np.int32, 3)
         for count in _pieces(element.count):
-            piece = self._all_triangles(element, count)
+            piece = None
+            if len(element.lists) == 1 and element.name == 'face':
+                piece = self._all_triangles(element, count)
             if piece is None:
-                piece = _fans(
-                    *self._walk(element, count),
+                sizes, starts = self._walk(element, count)
+                step = len(element.lists)
+                piece = POLYGONS[element.name](
+                    sizes[corners::step],
+                    starts[corners::step],
                     kind.itemsize,
                     lambda place: stored[place].view(kind),
                 )
             triangles.add(piece)
         return triangles.table()
 
-    def _all_triangles(self, element: _Element, faces: int) -> np.ndarray | None:
+    def _all_triangles(self, element: Element, faces: int) -> np.ndarray | None:
         """Read (faces, 3) at once when each has three corners; None if one has not."""
         fields: list[tuple[str, str]] = []
         column = 0
@@ -210,9 +158,9 @@ class _BinaryBody:
         if not np.all(table[f'f{column}'] == 3):
             self._position = start
             return None
-        return np.column_stack([_integers(table[f'f{column + k}']) for k in (1, 2, 3)])
+        return np.column_stack([integers(table[f'f{column + k}']) for k in (1, 2, 3)])
 
-    def _walk(self, element: _Element, faces: int) -> tuple[np.ndarray, np.ndarray]:
+    def _walk(self, element: Element, faces: int) -> tuple[np.ndarray, np.ndarray]:
         """Find every list of the next `faces` elements: its length, and its first byte."""
         data, position = self._data, self._position
         sizes, starts = array('i'), array('q')
@@ -227,18 +175,18 @@ class _BinaryBody:
                 if reader:
                     start += reader.size
                     if start > len(data):
-                        raise _missing(element, face)
+                        raise missing(element, face)
                     (count,) = reader.unpack_from(data, position)
                 position = start + count * item_bytes
                 if count < 0 or position > len(data):
-                    raise _missing(element, face)
+                    raise missing(element, face)
                 if reader:
                     sizes.append(min(count, LARGEST_LIST))
                     starts.append(start)
         self._position = position
         return np.array(sizes, np.int32), np.array(starts, np.int64)
 
-    def skip(self, element: _Element) -> None:
+    def skip(self, element: Element) -> None:
         if not element.lists:
             self._scalars(element)
             return
@@ -268,16 +216,20 @@ class _AsciiBody:
             self._position = 0
         return count
 
-    def _rows(self, element: _Element, done: int, columns: int) -> np.ndarray:
+    def rest(self) -> bool:
+        """Whether numbers follow the last element that was read."""
+        return self._fill(1) > 0
+
+    def _rows(self, element: Element, done: int, columns: int) -> np.ndarray:
         """Read some of the rows (k, columns) that follow the first `done` of the element."""
         most = min(element.count - done, CHUNK_FACES)
         present = self._fill(most * columns) // columns
         if present == 0:
-            raise _missing(element, done)
+            raise missing(element, done)
         stop = self._position + min(most, present) * columns
         return self._numbers[self._position : stop].reshape(-1, columns)
 
-    def _scalars(self, element: _Element) -> Iterator[np.ndarray]:
+    def _scalars(self, element: Element) -> Iterator[np.ndarray]:
         """Read an element without lists, piece by piece."""
         done = 0
         while done < element.count and element.properties:
@@ -286,32 +238,37 @@ class _AsciiBody:
             self._position += rows.size
             done += len(rows)
 
-    def points(self, element: _Element) -> np.ndarray:
+    def points(self, element: Element) -> np.ndarray:
         names = [item.name for item in element.properties]
         points = Rows(np.float64, 3)
         for rows in self._scalars(element):
             points.add(rows[:, [names.index(axis) for axis in 'xyz']])
         return points.table()
 
-    def triangles(self, element: _Element) -> np.ndarray:
+    def triangles(self, element: Element) -> np.ndarray:
+        corners, step = element.corners, len(element.lists)
+        assert corners is not None
+        plain = step == 1 and element.name == 'face'
         column = [item.count_type is not None for item in element.properties].index(True)
         columns = len(element.properties) + 3
         triangles = Rows(np.int32, 3)
         done = 0
         while done < element.count:
-            if self._fill(columns) >= columns:
+            if plain and self._fill(columns) >= columns:
                 rows = self._rows(element, done, columns)
                 if np.all(rows[:, column] == 3):
-                    triangles.add(_integers(rows[:, column + 1 : column + 4]))
+                    triangles.add(integers(rows[:, column + 1 : column + 4]))
                     self._position += rows.size
                     done += len(rows)
                     continue
             faces, sizes, starts = self._walk(element, done)
-            triangles.add(_fans(sizes, starts, 1, lambda place: self._numbers[place]))
+            polygons = POLYGONS[element.name]
+            read = self._numbers.__getitem__
+            triangles.add(polygons(sizes[corners::step], starts[corners::step], 1, read))
             done += faces
         return triangles.table()
 
-    def _walk(self, element: _Element, done: int) -> tuple[int, np.ndarray, np.ndarray]:
+    def _walk(self, element: Element, done: int) -> tuple[int, np.ndarray, np.ndarray]:
         """Pass some elements after the first `done`: how many, their lists' lengths and starts."""
         steps = [item.count_type is not None for item in element.properties]
         most = min(element.count - done, CHUNK_FACES)
@@ -328,7 +285,7 @@ class _AsciiBody:
             if passed:
                 return passed, np.array(sizes, np.int32), np.array(starts, np.int64)
             if present < wanted:
-                raise _missing(element, done)
+                raise missing(element, done)
             wanted *= 2
 
     def _lists(self, steps: list[bool]) -> list[tuple[int, int]] | None:
@@ -340,7 +297,7 @@ class _AsciiBody:
             if is_list:
                 if position >= numbers.size:
                     return None
-                count = _list_length(numbers[position])
+                count = list_length(numbers[position])
                 position += 1
                 found.append((count, position))
             position += count
@@ -349,7 +306,7 @@ class _AsciiBody:
         self._position = position
         return found
 
-    def skip(self, element: _Element) -> None:
+    def skip(self, element: Element) -> None:
         if not element.lists:
             for _ in self._scalars(element):
                 pass
@@ -359,49 +316,57 @@ class _AsciiBody:
             done += self._walk(element, done)[0]
 
 
+def _by_line(data: bytes, start: int, elements: list[Element]) -> tuple[np.ndarray, np.ndarray]:
+    """Read points (n, 3) and triangles (m, 3) of text in which each element has its own line.
+
+    Raises ScanFileError if a vertex does not have the columns it declares, or a line too many is
+    there.
+    """
+    chunks = chunks_of_lines(data, start)
+    lines = (line.split() for chunk in chunks for line in chunk.split(b'\n'))
+    full = (words for words in lines if words)
+    points, triangles = np.empty((0, 3)), np.empty((0, 3), np.int32)
+    for element in elements:
+        rows = list(islice(full, element.count))
+        if len(rows) < element.count:
+            raise missing(element, len(rows))
+        if element.name == 'vertex':
+            columns = len(element.properties)
+            if any(len(words) != columns for words in rows):
+                raise ScanFileError(f'PLY vertex that has not the {columns} numbers it declares')
+            names = [item.name for item in element.properties]
+            axes = [names.index(axis) for axis in 'xyz']
+            words = b' '.join(words[axis] for words in rows for axis in axes)
+            points = parse_numbers(words, 'PLY vertex').reshape(-1, 3)
+        elif element.name == 'face' and element.corners is not None:
+            corners = [_corners_of(words, element) for words in rows]
+            sizes = np.array([len(row) for row in corners], np.int32)
+            triangles = triangles_from_polygons(sizes, integers(np.concatenate(corners)))
+    if next(full, None) is not None:
+        raise ScanFileError('ASCII PLY with more lines than its header declares')
+    return points, triangles
+
+
+def _corners_of(words: list[bytes], element: Element) -> np.ndarray:
+    """The corners of one face from the words of its line; raises ScanFileError."""
+    place = 0
+    wanted = element.lists[element.corners or 0]
+    for item in element.properties:
+        count = 1
+        if item.count_type is not None:
+            count = list_length(
+                float(parse_numbers(words[place] if place < len(words) else b'-1', 'PLY list')[0])
+            )
+            place += 1
+        if item is wanted:
+            if place + count > len(words):
+                raise ScanFileError('PLY face with fewer corners on its line than it declares')
+            return parse_numbers(b' '.join(words[place : place + count]), 'PLY face')
+        place += count
+    return np.empty(0)
+
+
 def _pieces(count: int) -> Iterator[int]:
     """Split a number of faces into pieces."""
     for start in range(0, count, CHUNK_FACES):
         yield min(CHUNK_FACES, count - start)
-
-
-def _fans(
-    sizes: np.ndarray, starts: np.ndarray, step: int, read: Callable[[np.ndarray], np.ndarray]
-) -> np.ndarray:
-    """Return the triangles (m, 3) of polygons of `sizes` (p,) corners.
-
-    starts (p,): place of the first corner of each; step: places per corner; read: (k, places) ->
-    (k, corners). Polygons of one size are read together, a piece at a time.
-    """
-    ends = np.cumsum(sizes, dtype=np.int64)
-    total = int(ends[-1]) if len(ends) else 0
-    if total > max(LARGEST_LIST, 8 * len(sizes)):
-        raise ScanFileError(
-            f'{len(sizes)} PLY faces in a row have {total} corners or more; export triangles'
-        )
-    corners = np.empty(total, np.int32)
-    for size in np.unique(sizes[sizes > 0]).tolist():
-        members = np.flatnonzero(sizes == size)
-        per_piece = max(1, PIECE // (step * size))
-        for first in range(0, len(members), per_piece):
-            piece = members[first : first + per_piece]
-            values = read(starts[piece, None] + np.arange(step * size))
-            corners[(ends[piece] - size)[:, None] + np.arange(size)] = _integers(values)
-    return triangles_from_polygons(sizes, corners)
-
-
-def _list_length(number: float) -> int:
-    if not 0 <= number <= LARGEST_LIST:
-        raise ScanFileError('ASCII PLY with a list whose length is missing or absurd')
-    return int(number)
-
-
-def _integers(values: np.ndarray) -> np.ndarray:
-    """Return vertex indices as int32; raises ScanFileError for one that is no whole number."""
-    if values.dtype.kind == 'f':
-        if not np.all(np.isfinite(values)) or np.any(np.abs(values) > 2**31):
-            raise ScanFileError('PLY face with an index that is not a 32-bit integer')
-        if np.any(values != np.floor(values)):
-            raise ScanFileError('PLY face with a fraction for a vertex index')
-    # what is no vertex of 32 bits turns negative here and is refused with the faces
-    return values.astype(np.int32)

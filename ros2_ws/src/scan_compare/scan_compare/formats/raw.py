@@ -83,8 +83,31 @@ def _first_bad_token(text: bytes) -> str:
         try:
             float(token[0])
         except ValueError:
-            return repr(token[0][:40].decode('latin-1'))
+            found = repr(token[0][:40].decode('latin-1'))
+            if re.fullmatch(rb'[+-]?\d*,\d+', token[0]):
+                return f'{found}, with a decimal comma,'
+            return found
     return 'a token'
+
+
+def refuse_swapped(values: np.ndarray, what: str) -> None:
+    """Raise ScanFileError if floats as stored make lengths only with their bytes in reverse."""
+    if values.dtype.kind != 'f' or values.dtype.itemsize == 1 or len(values) == 0:
+        return
+    sample = values[:: max(1, len(values) // 1000)].ravel()
+    sample = sample[sample != 0.0]
+    if len(sample) and _lengths(sample) < 0.5 and _lengths(sample.byteswap()) > 0.9:
+        raise ScanFileError(
+            f'{what} whose numbers are stored in the other byte order than its header says; '
+            'correct the header or export it again'
+        )
+
+
+def _lengths(values: np.ndarray) -> float:
+    """Share of values that a coordinate in some unit can have; a swapped float has any size."""
+    with np.errstate(all='ignore'):
+        size = np.abs(values.astype(np.float64))
+        return float(np.mean((size > 1e-9) & (size < 1e9)))
 
 
 def chunks_of_lines(data: bytes, start: int = 0) -> Iterator[bytes]:

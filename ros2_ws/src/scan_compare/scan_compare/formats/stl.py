@@ -12,6 +12,7 @@ from scan_compare.formats.raw import (
     ScanFileError,
     chunks_of_lines,
     parse_numbers,
+    refuse_swapped,
 )
 
 HEADER_BYTES = 80
@@ -41,12 +42,23 @@ def read_stl(data: bytes) -> RawMesh:
 
 
 def _read_binary(data: bytes, declared: int) -> RawMesh:
-    present = (len(data) - HEADER_BYTES - 4) // FACE.itemsize
+    present, surplus = divmod(len(data) - HEADER_BYTES - 4, FACE.itemsize)
+    if not surplus and present and int.from_bytes(data[80:84], 'big') == present:
+        raise ScanFileError(
+            f'binary STL whose {present} faces are stored in big-endian byte order, which the '
+            'format does not have; export it again'
+        )
+    if not surplus and declared < present:
+        raise ScanFileError(
+            f'binary STL declares {declared} faces but holds {present}: its count is wrong; '
+            'export it again'
+        )
     if present < declared:
         raise ScanFileError(
             f'binary STL declares {declared} faces but holds {present}; export or copy it again'
         )
     faces = np.frombuffer(data, FACE, declared, HEADER_BYTES + 4)
+    refuse_swapped(faces['corners'], 'binary STL')
     points = faces['corners'].reshape(-1, 3).astype(float)
     notes: tuple[str, ...] = ()
     surplus = len(data) - HEADER_BYTES - 4 - declared * FACE.itemsize

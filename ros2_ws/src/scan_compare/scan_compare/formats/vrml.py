@@ -33,7 +33,7 @@ _NUMBER = re.compile(
     rb'[+-]?(?:0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf)(?![\w.])'
 )
 _WORD = re.compile(rb'[^\s,\[\]{}"#+\-.\d][^\s,\[\]{}"#]*')
-_DOTTED_WORD = re.compile(rb'[^\s,]+')
+_DOTTED_WORD = re.compile(rb'[^\s,\[\]{}"#]+')
 _PLAIN = re.compile(rb'[^\[\]{}"#]*')
 _COMMENT = re.compile(rb'#[^\n\r]*')
 LARGEST_LENGTH = 1e30
@@ -89,6 +89,8 @@ class Node:
 def read_vrml(data: bytes) -> RawMesh:
     """Read all shapes of a VRML 2 scene into one mesh; raises ScanFileError."""
     first_line = data[:80].split(b'\n')[0]
+    if first_line.startswith(b'#X3D'):
+        raise ScanFileError('this is X3D in the classic encoding; export VRML 2 (VRML97), or PLY')
     if not first_line.startswith(b'#VRML V2.0'):
         raise ScanFileError(
             f'{first_line[:30].decode("latin-1")!r} is not "#VRML V2.0"; '
@@ -134,11 +136,8 @@ class _Parser:
         nodes = []
         while self._skip_space():
             word = self._word()
-            if word in ('ROUTE',):
-                for expected in ('', 'TO', ''):
-                    self._skip_space()
-                    if self._dotted_word() != expected and expected:
-                        raise ScanFileError('VRML ROUTE without TO')
+            if word == 'ROUTE':
+                self._route()
             elif word in ('PROTO', 'EXTERNPROTO'):
                 raise ScanFileError(f'VRML {word} is not supported; export plain geometry')
             else:
@@ -215,8 +214,18 @@ class _Parser:
             self._named[name] = node
         return node
 
+    def _route(self) -> None:
+        """Pass a route, `ROUTE a.b TO c.d`, whose first word has been read."""
+        for expected in ('', 'TO', ''):
+            self._skip_space()
+            if self._dotted_word() != expected and expected:
+                raise ScanFileError('VRML ROUTE without TO')
+
     def _field(self, node: Node, depth: int) -> None:
         key = self._word()
+        if key == 'ROUTE':
+            self._route()
+            return
         if key == 'Script' or node.type == 'Script':
             raise ScanFileError('VRML Script is not supported; export plain geometry')
         if not self._skip_space():

@@ -1,0 +1,84 @@
+"""OFF (Geomview) in text: vertices and polygons; colours, normals and textures ignored.
+
+Not from trimesh, which reads plain `OFF` alone: scanners and MeshLab write `COFF` and `NOFF`.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from scan_compare.formats.raw import (
+    RawMesh,
+    Rows,
+    ScanFileError,
+    checked_triangles,
+    chunks_of_lines,
+    parse_numbers,
+    tokens_per_line,
+    triangles_from_polygons,
+)
+
+_HEADER = re.compile(rb'\s*(ST)?(C)?(N)?(4)?(n)?OFF(?![A-Za-z])[ \t]*(BINARY)?')
+_COMMENT = re.compile(rb'#[^\n\r]*')
+_COUNTS = re.compile(rb'\s*(\d{1,18})\s+(\d{1,18})(\s+\d{1,18})?[ \t]*(?=[\r\n]|\Z)')
+
+
+def read_off(data: bytes) -> RawMesh:
+    """Read OFF; raises ScanFileError if it is malformed or shorter than it declares."""
+    if b'#' in data:
+        data = _COMMENT.sub(b'', data)
+    header = _HEADER.match(data)
+    start = header.end() if header else 0
+    if header and (header[4] or header[5] or header[6]):
+        raise ScanFileError('OFF in binary or in more than three dimensions; export PLY')
+    counts = _COUNTS.match(data, start)
+    if not counts:
+        raise ScanFileError('OFF without its line of vertices, faces and edges')
+    wanted = int(counts[1]), int(counts[2])
+    points, triangles, faces = Rows(np.float64, 3), Rows(np.int32, 3), 0
+    for chunk in chunks_of_lines(data, counts.end()):
+        sizes = tokens_per_line(chunk)
+        if sizes.size == 0:
+            continue
+        numbers = parse_numbers(chunk, 'OFF number')
+        firsts = np.cumsum(sizes) - sizes
+        vertices = min(wanted[0] - len(points), len(sizes))
+        if vertices:
+            if int(sizes[:vertices].min()) < 3:
+                raise ScanFileError('OFF vertex with fewer than 3 coordinates')
+            points.add(numbers[firsts[:vertices, None] + np.arange(3)])
+        rows = slice(vertices, min(len(sizes), vertices + wanted[1] - faces))
+        if firsts[rows].size:
+            corners = _counts_of(numbers, firsts[rows], sizes[rows])
+            places = np.repeat(firsts[rows] + 1, corners) + _steps(corners)
+            triangles.add(triangles_from_polygons(corners, _indices(numbers[places])))
+            faces += len(corners)
+    if (len(points), faces) != wanted:
+        raise ScanFileError(
+            f'OFF declares {wanted[0]} vertices and {wanted[1]} faces but holds {len(points)} and '
+            f'{faces}; the file is cut or its header is wrong'
+        )
+    if not len(triangles):
+        return RawMesh(points.table(), None)
+    return RawMesh(points.table(), checked_triangles(triangles.table(), len(points)))
+
+
+def _counts_of(numbers: np.ndarray, firsts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """How many corners (f,) each face has, of `sizes` numbers; raises ScanFileError."""
+    corners = numbers[firsts]
+    if not np.all((corners >= 0) & (corners == np.floor(corners)) & (corners < sizes)):
+        raise ScanFileError('OFF face whose number of corners does not fit its line')
+    return corners.astype(np.int64)
+
+
+def _steps(counts: np.ndarray) -> np.ndarray:
+    """0, 1, ... within each of the given counts, one after the other."""
+    return np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
+
+
+def _indices(values: np.ndarray) -> np.ndarray:
+    if not np.all((values == np.floor(values)) & (values >= 0) & (values < 2**31)):
+        raise ScanFileError('OFF face with an index that is no vertex')
+    return values.astype(np.int32)

@@ -68,6 +68,10 @@ class CloudReader:
             -1
         )
 
+    def read_columns(self, message: Any, names: tuple[str, ...]) -> Array:
+        """The named fields of a cloud side by side, (n, k) float64; raises MessageError."""
+        return self.columns(self.read(message), names)
+
     def columns(self, points: NDArray[Any], names: tuple[str, ...]) -> Array:
         """The named fields side by side, (n, k) float64; MessageError for one that is missing."""
         self._require(points, names)

@@ -3,33 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from grasp_common import parameter_table
+from grasp_common.parameter_table import Parameter, ParameterError
 from scan_compare.registration import SCANNER_SIGMA
 from scan_compare.rigid import Pose, rotation_from_quaternion
 from scan_compare.units import METRES_PER_UNIT
 from shell_deform.objects import ObjectError, load_object
 
 IDENTITY_NUMBERS = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
-
-
-class ParameterError(ValueError):
-    """A parameter value that cannot be used; the message names it and what is allowed."""
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One declared parameter; lowest and highest bound numbers, choices bound words."""
-
-    name: str
-    default: bool | float | str | list[float]
-    description: str
-    lowest: float | None = None
-    highest: float | None = None
-    choices: tuple[str, ...] = ()
 
 
 PARAMETERS: tuple[Parameter, ...] = (
@@ -77,10 +62,7 @@ PARAMETERS: tuple[Parameter, ...] = (
 
 def validate(values: Mapping[str, Any]) -> None:
     """Raise ParameterError unless every value, by name, can be used."""
-    by_name = {parameter.name: parameter for parameter in PARAMETERS}
-    for name, value in values.items():
-        if name in by_name:
-            _check(by_name[name], value)
+    parameter_table.check_known(PARAMETERS, values)
     for name in ('object_pose', 'scan_pose'):
         if name in values:
             pose(name, values[name])
@@ -102,38 +84,8 @@ def pose(name: str, numbers: Any) -> Pose:
     return Pose(rotation_from_quaternion(values[3:]), values[:3])
 
 
-def _check(parameter: Parameter, value: Any) -> None:
-    if parameter.choices and value not in parameter.choices:
-        raise ParameterError(
-            f'{parameter.name} is {value!r}; choose one of {", ".join(parameter.choices)}'
-        )
-    if parameter.lowest is None or parameter.highest is None:
-        return
-    if not np.isfinite(value) or not parameter.lowest <= value <= parameter.highest:
-        raise ParameterError(
-            f'{parameter.name} is {value}; it must lie between {parameter.lowest:g} and '
-            f'{parameter.highest:g}: {parameter.description}'
-        )
-
-
 def usage() -> str:
     """What `scan_compare --help` prints: every parameter with its unit, range and default."""
-    lines = [
-        'usage: scan_compare [-h] [--ros-args -p NAME:=VALUE ...]',
-        '',
-        'The deformed surface against every scan on scan/points. SI units.',
-        '',
-        'parameters:',
-    ]
-    for parameter in PARAMETERS:
-        lines.append(f'  {parameter.name} (default {parameter.default!r})')
-        lines.append(f'      {parameter.description}{_limits(parameter)}')
-    return '\n'.join(lines)
-
-
-def _limits(parameter: Parameter) -> str:
-    if parameter.choices:
-        return f' (one of {", ".join(map(str, parameter.choices))})'
-    if parameter.lowest is not None and parameter.highest is not None:
-        return f' ({parameter.lowest:g} to {parameter.highest:g})'
-    return ''
+    return parameter_table.usage(
+        'scan_compare', 'The deformed surface against every scan on scan/points.', PARAMETERS
+    )

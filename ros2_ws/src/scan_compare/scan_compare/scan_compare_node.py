@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import sys
 import time
 from collections import deque
@@ -11,22 +10,23 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
-from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
+from grasp_common.main_node import declare, run_node, status_name
+from grasp_common.messages import diagnostics, nanoseconds, number
+from grasp_common.parameter_table import ParameterError
+from grasp_common.point_cloud import CloudReader, MessageError
 from scan_compare import messages, parameters
 from scan_compare.pairing import CONTACT_FIELDS, finger_forces, remarks, start_pose
 from scan_compare.surface_history import StampedSurface, SurfaceHistory
@@ -62,10 +62,7 @@ class ScanCompareNode(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('scan_compare', **options)
-        for parameter in parameters.PARAMETERS:
-            self.declare_parameter(
-                parameter.name, parameter.default, messages.descriptor(parameter)
-            )
+        declare(self, parameters.PARAMETERS)
         parameters.validate(self._values())
         self.add_on_set_parameters_callback(self._validate)
         self.history = SurfaceHistory(float(self._value('history')))
@@ -78,6 +75,9 @@ class ScanCompareNode(Node):
         self._jobs = 0
         self._scans = self._done = self._refused = self._dropped = 0
         self._contacts: PointCloud2 | None = None
+        self._surfaces = CloudReader('deformation/surface')
+        self._grips = CloudReader('hand/contacts')
+        self._clouds = CloudReader('scan/points')
         self._seconds = 0.0
         self._result: Result | None = None
         self._failure = ''
@@ -89,9 +89,7 @@ class ScanCompareNode(Node):
         self._scalars = {
             name: self.create_publisher(Float64, f'scan/{name}', reliable) for name in SCALARS
         }
-        self._diagnostics = self.create_publisher(
-            messages.DiagnosticArray, '/diagnostics', reliable
-        )
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', reliable)
         self.create_subscription(PointCloud2, 'scan/points', self._scan_message, reliable)
         self.create_subscription(
             PointCloud2,
@@ -125,7 +123,7 @@ class ScanCompareNode(Node):
     def _validate(self, changes: list[RosParameter]) -> SetParametersResult:
         try:
             parameters.validate({change.name: change.value for change in changes})
-        except parameters.ParameterError as error:
+        except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         for change in changes:
             if change.name == 'history':
@@ -137,19 +135,19 @@ class ScanCompareNode(Node):
     def _mesh_message(self, message: Mesh) -> None:
         try:
             self._triangles = messages.triangles(message)
-        except messages.MessageError as error:
+        except MessageError as error:
             self._refuse(str(error))
 
     def _surface_message(self, message: PointCloud2) -> None:
         try:
-            rows = messages.columns(message, SURFACE_FIELDS, 'deformation/surface')
-        except messages.MessageError as error:
+            rows = self._surfaces.read_columns(message, SURFACE_FIELDS)
+        except MessageError as error:
             self._refuse(str(error))
             return
         if len(rows) == 0 or not np.all(np.isfinite(rows)):
             self._refuse('deformation/surface is empty or holds numbers that are not finite')
             return
-        stamp = messages.nanoseconds(message.header.stamp)
+        stamp = nanoseconds(message.header.stamp)
         frame = message.header.frame_id
         self.history.add(StampedSurface(stamp, rows[:, :3], rows[:, 3:], frame))
 
@@ -161,8 +159,8 @@ class ScanCompareNode(Node):
         if self._contacts is None:
             return {}
         try:
-            rows = messages.columns(self._contacts, CONTACT_FIELDS, 'hand/contacts')
-        except messages.MessageError as error:
+            rows = self._grips.read_columns(self._contacts, CONTACT_FIELDS)
+        except MessageError as error:
             self._refuse(str(error))
             return {}
         return finger_forces(rows)
@@ -170,11 +168,11 @@ class ScanCompareNode(Node):
     def _scan_message(self, message: PointCloud2) -> None:
         self._scans += 1
         try:
-            points = messages.columns(message, ('x', 'y', 'z'), 'scan/points')
-        except messages.MessageError as error:
+            points = self._clouds.read_columns(message, ('x', 'y', 'z'))
+        except MessageError as error:
             self._refuse(str(error))
             return
-        stamp = messages.nanoseconds(message.header.stamp)
+        stamp = nanoseconds(message.header.stamp)
         cloud = Cloud('scan/points', points, str(self._value('scan_unit')))
         frame = message.header.frame_id
         self._make_room(cloud.size)
@@ -294,7 +292,7 @@ class ScanCompareNode(Node):
         for name, key in SCALARS.items():
             value = result.statistics[key]
             if isinstance(value, float):
-                self._scalars[name].publish(messages.number(value))
+                self._scalars[name].publish(number(value))
         self.get_logger().info(result.sentence)
 
     def _answer(self, result: Result) -> None:
@@ -307,9 +305,9 @@ class ScanCompareNode(Node):
     def _diagnose(self) -> None:
         level, summary, values = self._health()
         self._diagnostics.publish(
-            messages.diagnostics(
+            diagnostics(
                 self.get_clock().now().nanoseconds,
-                f'{self.get_fully_qualified_name()[1:]}: comparison',
+                status_name(self, 'comparison'),
                 level,
                 summary,
                 values,
@@ -352,44 +350,7 @@ class ScanCompareNode(Node):
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the node until it is told to stop; returns the exit code."""
-    given = remove_ros_args(sys.argv[1:] if arguments is None else arguments)
-    if {'-h', '--help'} & set(given):
-        print(parameters.usage())
-        return 0
-    if given:
-        print(f'scan_compare: unknown argument {given[0]!r}; see --help', file=sys.stderr)
-        return 2
-    # rclpy ends its context at this signal. Python's KeyboardInterrupt would break into whatever
-    # runs just then, and in the middle of a call into C++ come out as an error of that call.
-    signal.signal(signal.SIGINT, lambda *_: None)
-    rclpy.init(args=arguments)
-    executor = SingleThreadedExecutor()
-    node: ScanCompareNode | None = None
-    code = 0
-    try:
-        node = ScanCompareNode()
-        executor.add_node(node)
-        executor.spin()
-    except (
-        parameters.ParameterError,
-        InvalidParameterTypeException,
-        InvalidParameterValueException,
-    ) as error:
-        print(f'scan_compare: {error}', file=sys.stderr)
-        code = 1
-    except ExternalShutdownException:
-        pass
-    except Exception:
-        # Whatever is made, sent or waited for after the signal complains.
-        if rclpy.ok():
-            raise
-    finally:
-        executor.shutdown()
-        if node is not None:
-            node.close()
-            node.destroy_node()
-        rclpy.try_shutdown()
-    return code
+    return run_node('scan_compare', ScanCompareNode, arguments, usage=parameters.usage)
 
 
 if __name__ == '__main__':

@@ -152,7 +152,10 @@ def cpu_seconds(pid: int) -> float:
 def drain(port: int, stop: threading.Event, read: list[bytes]) -> None:
     """Read everything the page sends, as a browser would."""
     protocol = f'viser-v{viser.__version__}'
-    with connect(f'ws://127.0.0.1:{port}', subprotocols=[protocol], max_size=None) as page:
+    own = f'http://127.0.0.1:{port}'
+    with connect(
+        f'ws://127.0.0.1:{port}', subprotocols=[protocol], origin=own, max_size=None
+    ) as page:
         page.send(msgspec.msgpack.encode(CAMERA))
         while not stop.is_set():
             with contextlib.suppress(TimeoutError):

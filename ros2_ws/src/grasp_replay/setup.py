@@ -27,8 +27,8 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'replay = grasp_replay.replay_node:main',
-            'record = grasp_replay.record_node:main',
+            'replay = grasp_replay.commands.replay:main',
+            'record = grasp_replay.commands.record:main',
             'grasp_report = grasp_replay.commands.grasp_report:main',
             'bag_check = grasp_replay.commands.bag_check:main',
         ],

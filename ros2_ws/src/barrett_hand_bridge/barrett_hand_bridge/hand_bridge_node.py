@@ -26,7 +26,7 @@ from barrett_hand_bridge.calibration import CalibrationError, HandCalibration
 from barrett_hand_bridge.hand import HandError, HandFacts, HandSample
 from barrett_hand_bridge.hand_services_node import HandServices
 from barrett_hand_bridge.hand_topics_node import HandTopics
-from barrett_hand_bridge.health import Health, LinkState
+from barrett_hand_bridge.health import Health, Level, LinkState
 from barrett_hand_bridge.kinematics import Array
 from barrett_hand_bridge.observer import HandObserver, Observation
 from barrett_hand_bridge.own_emulator import OwnEmulator
@@ -303,6 +303,8 @@ class HandBridge(LifecycleNode):
         observer = None if self._worker is None else self._worker.observer
         now_s = time.monotonic()
         level, text = health.judge(self._latest, self._sample, now_s)
+        if self._now_ns() <= 0:
+            level, text = Level.WARN, 'parameter use_sim_time is true, but no /clock comes'
         values = health.values(self._latest, self._sample, observer, now_s)
         self._topics.diagnostics(level, text, values, health.facts, self._now_ns())
 

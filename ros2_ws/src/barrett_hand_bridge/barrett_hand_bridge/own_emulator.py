@@ -27,8 +27,11 @@ class OwnEmulator:
         Raises:
             HandError: it does not start.
         """
-        self._folder = tempfile.TemporaryDirectory(prefix='hand_emulator_')
-        weighings = Path(self._folder.name) / 'weighings.csv'
+        # The table is read before anything else happens: a killed node leaves no folder behind.
+        with tempfile.TemporaryDirectory(prefix='hand_emulator_') as folder:
+            self._start(object_file, seed, Path(folder) / 'weighings.csv')
+
+    def _start(self, object_file: str, seed: int, weighings: Path) -> None:
         command = [
             sys.executable,
             '-m',
@@ -86,4 +89,3 @@ class OwnEmulator:
         for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
             if stream is not None:
                 stream.close()
-        self._folder.cleanup()

@@ -246,6 +246,24 @@ def test_an_emulator_leaves_when_its_starter_is_gone(start):
     assert emulator.wait(20.0) == 0
 
 
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_an_emulator_that_waits_for_its_starter_ends_cleanly_by_a_signal(number):
+    reader, writer = os.pipe()
+    emulator = subprocess.Popen(
+        [sys.executable, '-m', 'barrett_hand_bridge.commands.hand_emulator', '--until-eof'],
+        stdin=reader,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
+    assert b'BH8-262' in emulator.stdout.readline()
+    emulator.send_signal(number)
+    assert emulator.wait(20.0) == 0
+    assert emulator.stdout.read() == b''
+    emulator.stdout.close()
+    os.close(reader)
+    os.close(writer)
+
+
 @pytest.mark.parametrize(
     ('options', 'code', 'complaint'),
     [

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import re
-import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -21,7 +20,11 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from grasp_replay.arguments_node import WRONG_ROS_ARGUMENTS, split_ros_arguments
+from grasp_replay.arguments_node import (
+    WRONG_ROS_ARGUMENTS,
+    end_by_signals,
+    split_ros_arguments,
+)
 from grasp_replay.bag_writer import COMPRESSIONS, BagWriter
 from grasp_replay.cdr import has_header, header_stamp
 from grasp_replay.errors import BagError
@@ -49,11 +52,20 @@ class RecordNode(Node):
         super().__init__('record', parameter_overrides=[sim_time])
         self.writer = BagWriter(directory, compression=options.compression)
         self.lost = 0
+        self.unstamped = 0
         self.failure: BagError | None = None
         self._selection = selection
         self._log_time_from = options.time
         self._refused: set[str] = set()
         self._topics: dict[str, int] = {}
+        try:
+            self._begin()
+        except Exception:
+            # The context ended while it began: the bag is closed all the same.
+            self.writer.close()
+            raise
+
+    def _begin(self) -> None:
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DISCOVERY_PERIOD, self._discover, clock=steady)
         self.create_timer(FLUSH_PERIOD, self._guarded(self.writer.flush), clock=steady)
@@ -79,6 +91,7 @@ class RecordNode(Node):
             'messages': self.writer.message_count,
             'bytes': self.writer.size,
             'lost': self.lost,
+            'stamps before 1970, logged at their arrival': self.unstamped,
         }
         self._diagnostics.publish(diagnostics('record', warning, 'recording', values, now))
 
@@ -125,9 +138,9 @@ class RecordNode(Node):
 
     def _taker(self, number: int, stamped: bool) -> Callable[[bytes, dict[str, int]], None]:
         def take(data: bytes, info: dict[str, int]) -> None:
-            published = info['source_timestamp']
+            published = max(info['source_timestamp'], 0)
             if stamped and self._log_time_from == 'header':
-                stamp = header_stamp(data)
+                stamp = self._header_time(data, info['received_timestamp'])
             elif self._log_time_from != 'received':
                 stamp = self.get_clock().now().nanoseconds
             else:
@@ -135,6 +148,17 @@ class RecordNode(Node):
             self._guarded(lambda: self.writer.write(number, data, stamp, published))()
 
         return take
+
+    def _header_time(self, data: bytes, received: int) -> int:
+        """The stamp in the header; the time of arrival where it is none that a bag can hold."""
+        try:
+            stamp = header_stamp(data)
+        except BagError:
+            stamp = -1
+        if stamp >= 0:
+            return stamp
+        self.unstamped += 1
+        return received
 
     def _count_lost(self, event: Any) -> None:
         self.lost += event.total_count_change
@@ -211,29 +235,39 @@ def _record(
     options: argparse.Namespace,
     ros_arguments: list[str],
 ) -> int:
-    # rclpy ends its context at this signal. Python's KeyboardInterrupt would break into whatever
-    # runs just then, and in the middle of a call into C++ come out as an error of that call.
-    signal.signal(signal.SIGINT, lambda *_: None)
+    end_by_signals()
+    rclpy.init(args=['record', *ros_arguments])
+    node: RecordNode | None = None
+    executor: SingleThreadedExecutor | None = None
     try:
-        rclpy.init(args=['record', *ros_arguments])
         node = RecordNode(directory, selection, options)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         print(f'recording into {directory}', file=sys.stderr, flush=True)
-        try:
-            _spin(node, executor, options.duration)
-        finally:
-            node.writer.close()
-            executor.shutdown()
-            node.destroy_node()
+        _spin(node, executor, options.duration)
+    except BagError:
+        raise
+    except Exception:
+        # A signal came before it recorded anything: rclpy complains of whatever is made after it.
+        if rclpy.ok():
+            raise
     finally:
+        if node is not None:
+            node.writer.close()
+        if executor is not None:
+            executor.shutdown()
+        if node is not None:
+            node.destroy_node()
         rclpy.try_shutdown()
+    if node is None:
+        return 0
     writer = node.writer
     summary = {
         'bag': str(directory),
         'topics': node.topic_count,
         'messages': writer.message_count,
         'lost': node.lost,
+        'unstamped': node.unstamped,
         'bytes': writer.size,
     }
     if options.json:
@@ -241,7 +275,8 @@ def _record(
     else:
         print(
             f'recorded {writer.message_count} messages of {node.topic_count} topics into '
-            f'{directory} ({node.lost} lost)',
+            f'{directory} ({node.lost} lost)'
+            + (f'; {node.unstamped} stamps lie before 1970' if node.unstamped else ''),
             file=sys.stderr,
         )
     if node.failure is not None:

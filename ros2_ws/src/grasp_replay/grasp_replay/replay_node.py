@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import sys
 import threading
 import time
@@ -17,7 +16,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
-from grasp_replay.arguments_node import WRONG_ROS_ARGUMENTS, split_ros_arguments
+from grasp_replay.arguments_node import (
+    WRONG_ROS_ARGUMENTS,
+    end_by_signals,
+    split_ros_arguments,
+)
 from grasp_replay.bag import Bag
 from grasp_replay.bag_reader import open_bag
 from grasp_replay.cdr import has_header
@@ -101,9 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _replay(bag: Bag, options: ReplayOptions, ros_arguments: list[str]) -> int:
     sys.setswitchinterval(SWITCH_SECONDS)
-    # rclpy ends its context at this signal. Python's KeyboardInterrupt would break into whatever
-    # runs just then, and in the middle of a call into C++ come out as an error of that call.
-    signal.signal(signal.SIGINT, lambda *_: None)
+    end_by_signals()
     rclpy.init(args=['replay', *ros_arguments])
     executor = SingleThreadedExecutor()
     services = threading.Thread(target=_spin, args=(executor,), name='services', daemon=True)

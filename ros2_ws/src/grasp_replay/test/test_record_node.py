@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import signal
 import struct
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
 from geometry_msgs.msg import WrenchStamped
 from replay_observer import KEEP_ALL, Observer, wrench
 
@@ -72,6 +74,51 @@ def test_header_times_make_the_log_times_of_a_recording(
         assert '/diagnostics' in bag.topics
         for message in bag.messages(['/w']):
             assert message.log_time == struct.unpack_from('<iI', message.data, 4)[1]
+
+
+def test_a_stamp_that_no_bag_holds_is_logged_at_its_arrival_and_told(
+    start: Any, observer: Observer, tmp_path: Path
+) -> None:
+    record = start('record', '/w', '--time', 'header', '--output', tmp_path / 'bag', '--json')
+    publisher = observer.node.create_publisher(WrenchStamped, '/w', KEEP_ALL)
+    observer.spin_until(publisher.get_subscription_count)
+    file = tmp_path / 'bag' / 'bag_0.mcap'
+    empty = file.stat().st_size
+    before_1970 = wrench(0)
+    before_1970.header.stamp.sec = -1
+    for message in (wrench(1), before_1970, wrench(2)):
+        publisher.publish(message)
+    assert publisher.wait_for_all_acked()
+    observer.spin_until(lambda: file.stat().st_size > empty)
+    assert record.stop() == 0
+    assert '"unstamped": 1' in record.text
+    report = check(tmp_path / 'bag')
+    assert report['sound']
+    with open_bag(tmp_path / 'bag') as bag:
+        forces = sorted(bag.decode(message).wrench.force.x for message in bag.messages())
+    assert forces == [0.0, 1.0, 2.0]
+
+
+@pytest.mark.parametrize('seconds', [0.1, 0.4, 0.8, 1.2, 1.8])
+def test_an_interrupt_while_it_starts_ends_it_without_a_traceback(
+    start: Any, tmp_path: Path, seconds: float
+) -> None:
+    record = start('record', '/w', '--output', tmp_path / 'bag')
+    time.sleep(seconds)
+    record.process.send_signal(signal.SIGINT)
+    record.process.wait(20)
+    assert 'Traceback' not in record.text
+    assert record.process.returncode in (0, -signal.SIGINT)
+
+
+def test_a_closed_terminal_ends_a_recording_like_any_signal(
+    start: Any, observer: Observer, tmp_path: Path
+) -> None:
+    record = start('record', '/w', '--output', tmp_path / 'bag')
+    file = tmp_path / 'bag' / 'bag_0.mcap'
+    _publish_until(observer, lambda: file.exists() and file.stat().st_size > 5_000)
+    assert record.stop(signal.SIGHUP) == 0
+    assert check(tmp_path / 'bag')['sound']
 
 
 def test_recording_into_an_existing_directory_is_refused(start: Any, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import viser
 from PIL import Image
 
 from .colour_map import legend_html, three_digits
+from .own_server import OwnServer
 from .plot_panel import PlotPanel
 from .replay_panel import ReplayPanel, ReplayState
 from .scene_model import DISPLACEMENT, QUANTITIES, SHAPES, Snapshot
@@ -108,9 +109,12 @@ class Page:
         buttons: the names in `BUTTONS` to offer beside the screenshot.
         """
         try:
-            self.server = viser.ViserServer(host=host, port=port, verbose=False)
+            self.server = OwnServer(host, port)
         except OSError as error:
-            raise PageError(f'cannot serve on {host}:{port}: {error}') from error
+            raise PageError(
+                f'cannot serve on {host}:{port}: {error}; parameter host is an address of this '
+                'machine, or 0.0.0.0 for all of them'
+            ) from error
         if self.server.get_port() != port and port != 0:
             taken = self.server.get_port()
             self.server.stop()

@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 
-from . import messages
+from . import messages, with_parent
 from .page import Page
 from .poses import Floats
 from .scene_model import Mesh
@@ -37,7 +37,6 @@ from .what_if_panel import FINGERS, WhatIfPanel, Wish
 NAMESPACE = '/what_if'
 RATE_HZ = 30.0
 SETTLE_S = 0.4
-STOP_S = 5.0
 
 
 class WhatIfError(RuntimeError):
@@ -83,7 +82,7 @@ class WhatIf:
         self._objects = known_objects(chosen)
         name = chosen if chosen in self._objects else list(self._objects)[-1]
         self._panel = WhatIfPanel(page.server, self._objects, name)
-        self._folder = tempfile.TemporaryDirectory(prefix='what_if_')
+        self._folder = tempfile.mkdtemp(prefix='what_if_')
         self._written = 0
         self._clock = node.get_clock()
         self._mesh: Mesh | None = None
@@ -94,20 +93,20 @@ class WhatIf:
         self._future: Future | None = None
         self._publisher = node.create_publisher(PointCloud2, f'{NAMESPACE}/hand/contacts', 10)
         self._client = node.create_client(SetParameters, f'{NAMESPACE}/deformation/set_parameters')
-        self._process = subprocess.Popen(
+        self._process = with_parent.start(
+            self._folder,
             [
                 executable('shell_deform', 'deformation'), '--ros-args',
                 '-r', f'__ns:={NAMESPACE}', '-p', f'object:={self._write(self._served)}',
                 '-p', 'drive:=force', '-p', 'frame:=object',
             ],
-            stdin=subprocess.DEVNULL,
         )  # fmt: skip
         node.create_timer(1.0 / RATE_HZ, self._publish)
 
     def _write(self, wish: Wish) -> Path:
         """The wished object as a file of a new name, so that the solver sees a change."""
         self._written += 1
-        path = Path(self._folder.name) / f'{wish.object_name}_{self._written}.yaml'
+        path = Path(self._folder) / f'{wish.object_name}_{self._written}.yaml'
         variant = object_variant(
             self._objects[wish.object_name], wish.young_modulus_pa, wish.gauge_pressure_pa
         )
@@ -201,11 +200,4 @@ class WhatIf:
 
     def close(self) -> None:
         """End the solver."""
-        if self._process.poll() is None:
-            self._process.terminate()
-            try:
-                self._process.wait(STOP_S)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
-        self._folder.cleanup()
+        with_parent.stop(self._process)

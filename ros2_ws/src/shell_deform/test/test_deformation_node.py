@@ -382,6 +382,9 @@ def test_a_wrong_parameter_ends_the_start_with_one_sentence(hand, tmp_path):
         ('pin_radius', 7.0, '0.05'),
         ('object_pose', [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0], 'unit quaternion'),
         ('object', 'no_such_object', 'no_such_object'),
+        ('object_pose', [1e300, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], 'within 10 m'),
+        ('marker_rate', 1e-300, '0 or at least 0.01'),
+        ('control_vertices', 11, '0 or at least 12'),
     ],
 )
 def test_a_wrong_value_is_refused_with_what_is_allowed(name, value, told):

@@ -15,6 +15,7 @@ from shell_deform.live.tick.sample import (
     FLAG_STALE,
     SampleError,
     check,
+    check_served,
     one_row_per_finger,
 )
 from shell_deform.live.tick.states import LiveState, Watch
@@ -104,6 +105,24 @@ def test_a_normal_that_is_no_unit_vector_is_refused():
 def test_a_point_in_millimetres_is_refused():
     with pytest.raises(SampleError, match='metres'):
         check(sample([[0, 0, 32.5]], [[0, 0, -1.0]], [1.0]))
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'), [('force', 1e5), ('travel', -1e30), ('travel', 0.5), ('radius', 1e30)]
+)
+def test_what_no_hand_does_is_refused_by_name(name, value):
+    contacts = opposed([1.0, 1.0])
+    getattr(contacts, name)[1] = value
+    with pytest.raises(SampleError, match=f'finger 2: {name} is'):
+        check(contacts)
+
+
+def test_an_answer_that_is_not_finite_is_not_served():
+    packed = np.zeros((4, 8), np.float32)
+    check_served(packed)
+    packed[2, 3] = np.inf
+    with pytest.raises(SampleError, match='not finite'):
+        check_served(packed)
 
 
 def test_the_cells_of_one_finger_become_their_resultant():

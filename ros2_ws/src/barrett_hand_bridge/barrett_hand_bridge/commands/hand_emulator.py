@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import signal
 import sys
@@ -122,7 +123,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Serve until SIGINT or SIGTERM; returns the exit code."""
+    """Serve until SIGINT, SIGTERM or SIGHUP; returns the exit code."""
     options = parser().parse_args(arguments)
     try:
         return _serve(options)
@@ -146,7 +147,7 @@ def _serve(options: argparse.Namespace) -> int:
         else _can_port(options, mechanics)
     )
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: ended.set())
     signal.signal(signal.SIGUSR1, lambda *_: port.faults.strike())
     port.start()
@@ -190,7 +191,9 @@ def _can_port(
 
 
 def _leave_at_eof(ended: threading.Event) -> None:
-    sys.stdin.buffer.read()
+    # Not through sys.stdin: its lock, held by this thread, would break the end of the interpreter.
+    while os.read(sys.stdin.fileno(), 4096):
+        continue
     ended.set()
 
 

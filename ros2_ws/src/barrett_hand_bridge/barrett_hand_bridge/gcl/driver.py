@@ -290,7 +290,8 @@ class SerialHand:
                 self.late()
         if self._prefetch:
             # Bytes of a block follow one another: its first one came that much earlier.
-            stamp_ns = self._clock_ns() - round(1e9 * (size - 1) * line.byte_s)
+            # Simulated time may still stand at zero, and no message holds a time before it.
+            stamp_ns = max(self._clock_ns() - round(1e9 * (size - 1) * line.byte_s), 0)
         return data, stamp_ns
 
     def _ask(self, port: Port, request: bytes) -> None:

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+FARTHEST = 10.0
+
+
 class PoseError(ValueError):
     """A pose that is none."""
 
@@ -50,6 +53,10 @@ def pose_of(numbers: Array | list[float]) -> Pose:
         raise PoseError(
             f'object pose is {values.tolist()}; seven finite numbers x y z [m] qx qy qz qw are '
             'needed'
+        )
+    if np.abs(values[:3]).max() > FARTHEST:
+        raise PoseError(
+            f'object pose is {values[:3].tolist()} m away; within {FARTHEST:g} m is allowed'
         )
     length = float(np.linalg.norm(values[3:]))
     if abs(length - 1.0) > 1e-2:

@@ -35,14 +35,15 @@ from shell_deform.live.tick import diagnosis
 from shell_deform.live.tick.estimator import Estimator, Served
 from shell_deform.live.tick.health import Arrival, Figures, process_age
 from shell_deform.live.tick.modulus import ModulusFilter
-from shell_deform.live.tick.sample import FLAG_STALE, SampleError, check
+from shell_deform.live.tick.sample import FLAG_STALE, SampleError, check, check_served
 from shell_deform.live.tick.states import Watch
 from shell_deform.node import messages, parameters
 from shell_deform.node.topics_node import DeformationTopics
 from shell_deform.objects import load_object
 
 CONTACTS = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
-POSES = QoSProfile(depth=10)
+# Trackers publish best effort, a player of bags reliably: this meets both.
+POSES = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 TEND_PERIOD_S = 0.02
 MARKER_PERIOD_S = 0.5
 POSE_CHANGE = 1e-3
@@ -73,6 +74,7 @@ class DeformationNode(Node):
         self.failure = ''
         self._unusable = ''
         self._topic_pose: Pose | None = None
+        self._pose_frame = self._contacts_frame = ''
         self._frame = ''
         self._resets = 0
         self._somebody_publishes = True
@@ -151,10 +153,7 @@ class DeformationNode(Node):
             sample = self._reader.read(message)
             check(sample)
         except (messages.MessageError, SampleError) as error:
-            figures.refused += 1
-            self._unusable = str(error)
-            self.get_logger().error(str(error), throttle_duration_sec=5.0)
-            self._topics.state(self.watch.refused(now))
+            self._refuse(error, now)
             return
         arrival = figures.stamps.arrived(sample.stamp, now)
         if arrival is Arrival.REPEATED:
@@ -165,7 +164,7 @@ class DeformationNode(Node):
         if arrival is Arrival.JUMPED:
             self.get_logger().info('time has jumped: starting from the undeformed shell')
             self._start_anew()
-        self._frame = self._given_frame or message.header.frame_id
+        self._use_frame(message.header.frame_id)
         state = self.watch.sample(sample, now)
         self._topics.state(state)
         estimator = self.estimator
@@ -176,7 +175,13 @@ class DeformationNode(Node):
             estimator.adopt(slot)
             figures.refreshed(int(slot.record['answers']))
         estimator.pose = self._given_pose
-        served = estimator.tick(sample)
+        try:
+            served = estimator.tick(sample)
+            check_served(served.packed)
+        except (SampleError, ArithmeticError, LookupError, ValueError) as error:
+            # Whatever a sample does to the numbers, the next one finds the node as it was.
+            self._refuse(error, now)
+            return
         self._topics.cloud('surface', served.packed, served.stamp, self._frame)
         figures.ticks.add(time.perf_counter() - began)
         figures.answers.add(1e-9 * (time.time_ns() - info['source_timestamp']))
@@ -185,6 +190,34 @@ class DeformationNode(Node):
         self._publish_more(estimator, served, slot is not None)
         if not figures.first_surface:
             figures.first_surface = process_age()
+
+    def _refuse(self, error: Exception, now: float) -> None:
+        """Say why a sample is not used: log, diagnostics, state."""
+        self.figures.refused += 1
+        self._unusable = f'{error}' or type(error).__name__
+        self.get_logger().error(self._unusable, throttle_duration_sec=5.0)
+        self._topics.state(self.watch.refused(now))
+
+    def _use_frame(self, contacts_frame: str) -> None:
+        """Answer in the frame of the contacts, and mind a pose that was given in another one."""
+        self._frame = self._given_frame or contacts_frame
+        if contacts_frame == self._contacts_frame:
+            return
+        self._contacts_frame = contacts_frame
+        if self._topic_pose is not None and self._other_frame(self._pose_frame):
+            self._topic_pose = None
+
+    def _other_frame(self, pose_frame: str) -> bool:
+        """Whether a pose is given in another frame than the contacts; says so."""
+        ours = self._contacts_frame
+        if not pose_frame or not ours or pose_frame == ours:
+            return False
+        self.get_logger().error(
+            f'object_pose is given in frame {pose_frame!r}, the contacts in {ours!r}: not used; '
+            'publish it in the frame of the contacts',
+            throttle_duration_sec=5.0,
+        )
+        return True
 
     def _post(self, estimator: Estimator) -> None:
         record = self._request[0]
@@ -219,9 +252,13 @@ class DeformationNode(Node):
 
     def _pose_message(self, message: PoseStamped) -> None:
         try:
-            self._topic_pose = messages.read_pose(message)
+            pose = messages.read_pose(message)
         except PoseError as error:
             self.get_logger().error(f'object_pose: {error}', throttle_duration_sec=5.0)
+            return
+        self._pose_frame = message.header.frame_id
+        if not self._other_frame(self._pose_frame):
+            self._topic_pose = pose
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._start_anew()

@@ -87,6 +87,10 @@ PARAMETERS: tuple[Parameter, ...] = (
 )
 
 
+# Zero has a meaning of its own; from there to these values nothing works.
+ZERO_OR_FROM = {'control_vertices': 12, 'marker_rate': 0.01}
+
+
 def validate(values: Mapping[str, Any]) -> None:
     """Raise ParameterError unless every value, by name, can be used."""
     by_name = {parameter.name: parameter for parameter in PARAMETERS}
@@ -112,6 +116,12 @@ def _check(parameter: Parameter, value: Any) -> None:
             f'{parameter.name} is {value!r}; choose one of {", ".join(parameter.choices)}'
         )
     low, high = parameter.lowest, parameter.highest
+    from_on = ZERO_OR_FROM.get(parameter.name)
+    if from_on is not None and value != 0 and value < from_on:
+        raise ParameterError(
+            f'{parameter.name} is {value}; it must be 0 or at least {from_on:g}: '
+            f'{parameter.description}'
+        )
     if low is not None and high is not None and not low <= value <= high:
         raise ParameterError(
             f'{parameter.name} is {value}; it must lie between {low:g} and {high:g}: '

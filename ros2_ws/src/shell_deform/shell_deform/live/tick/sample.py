@@ -17,7 +17,11 @@ FLAG_FAULT = 16
 FLAG_NO_GAUGE = 32
 
 
+# What no hand of this size does: metres, newtons.
 FARTHEST = 10.0
+MOST_FORCE = 1000.0
+LONGEST_TRAVEL = 0.2
+WIDEST_RADIUS = 1.0
 
 
 class SampleError(ValueError):
@@ -90,6 +94,9 @@ def check(sample: ContactSample) -> None:
         np.isfinite(total)
         and (np.abs(squares - 1.0) < 1e-2).all()
         and (np.abs(sample.point) < FARTHEST).all()
+        and (np.abs(sample.force) < MOST_FORCE).all()
+        and (sample.radius < WIDEST_RADIUS).all()
+        and not (np.abs(sample.travel) > LONGEST_TRAVEL).any()
     ):
         return
     for name in ('point', 'normal', 'force', 'radius'):
@@ -112,6 +119,25 @@ def check(sample: ContactSample) -> None:
         raise SampleError(
             f'a contact point lies more than {FARTHEST:g} m from its frame; metres are needed'
         )
+    for name, most, unit in (
+        ('force', MOST_FORCE, 'N'),
+        ('radius', WIDEST_RADIUS, 'm'),
+        ('travel', LONGEST_TRAVEL, 'm'),
+    ):
+        sizes = np.nan_to_num(np.abs(getattr(sample, name)[touching]), posinf=np.inf)
+        if np.any(sizes > most):
+            row = int(np.argmax(sizes.reshape(len(sizes), -1).max(axis=1)))
+            raise SampleError(
+                f'contact of finger {int(sample.finger[touching][row])}: {name} is '
+                f'{sizes[row].max():.4g} {unit}; no hand makes more than {most:g} {unit}, so the '
+                'sample is not used'
+            )
+
+
+def check_served(packed: NDArray[np.float32]) -> None:
+    """Raise SampleError unless an answer, (n, f) numbers, is finite."""
+    if not np.isfinite(packed).all():
+        raise SampleError('the answer to this sample is not finite, so it is not served')
 
 
 def one_row_per_finger(sample: ContactSample, default_radius: float) -> ContactSample:

@@ -1,0 +1,111 @@
+"""The page's server: only for pages that it served itself, and never published elsewhere.
+
+Any web site that is open in the operator's browser can open a WebSocket to this machine, also to
+127.0.0.1, and a name that its owner points here makes the page its own (DNS rebinding). Browsers
+say where a request comes from: `Host` must be the address of this server, `Origin` the page's.
+viser checks neither and has no hook for it, so the function that it serves with is replaced while
+it starts.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import http
+import ipaddress
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import viser
+import websockets.asyncio.server as websocket_server
+from websockets.datastructures import Headers
+from websockets.http11 import Response
+
+LOOPBACK_NAMES = ('localhost',)
+_replacing = threading.Lock()
+
+
+class OwnServer(viser.ViserServer):
+    """A viser server behind the gate, without viser's public tunnel."""
+
+    def __init__(self, host: str, port: int) -> None:
+        """Serve on http://host:port.
+
+        Raises OSError where this machine does not have that address.
+        """
+        _check_address(host, port)
+        with _gated():
+            super().__init__(host=host, port=port, verbose=False)
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """Never: any client may ask viser to publish the page on the internet."""
+        return None
+
+
+def refusal(headers: Headers, local: tuple[Any, ...]) -> str:
+    """Why a request is refused that came to the local address `local`; empty when it is not."""
+    hosts, origins = headers.get_all('Host'), headers.get_all('Origin')
+    if len(hosts) != 1 or not _is_own(hosts[0], str(local[0]), int(local[1])):
+        return 'this page is served under its own address only'
+    upgrade = headers.get('Upgrade', '').lower() == 'websocket'
+    if (upgrade or origins) and origins != [f'http://{hosts[0]}']:
+        return 'only the page that this server gave may talk to it'
+    return ''
+
+
+def _is_own(host: str, address: str, port: int) -> bool:
+    """Whether a Host header names this server: its address, or a name of this machine."""
+    name, colon, given_port = host.rpartition(':')
+    if not colon or given_port != str(port):
+        return False
+    own = ipaddress.ip_address(address.partition('%')[0])
+    if isinstance(own, ipaddress.IPv6Address) and own.ipv4_mapped is not None:
+        own = own.ipv4_mapped
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(name.strip('[]')) == own
+    if own.is_loopback:
+        return name.lower() in LOOPBACK_NAMES
+    machine = socket.gethostname().lower()
+    return name.lower() in {machine, f'{machine}.local', socket.getfqdn().lower()}
+
+
+def _check_address(host: str, port: int) -> None:
+    """Raise OSError where nothing can listen; viser would look for another port for ever."""
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    except UnicodeError as error:
+        raise OSError(f'{host!r} is no address') from error
+    for family, kind, protocol, _, address in found:
+        with socket.socket(family, kind, protocol) as probe:
+            # Port 0: whether this port is free is another question.
+            probe.bind((address[0], 0, *address[2:]))
+
+
+@contextlib.contextmanager
+def _gated() -> Iterator[None]:
+    """Whatever begins to serve meanwhile asks `refusal` first."""
+    serve = websocket_server.serve
+
+    def serve_gated(*arguments: Any, **options: Any) -> Any:
+        inner = options.pop('process_request', None)
+        return serve(*arguments, process_request=_gate(inner), **options)
+
+    with _replacing:
+        websocket_server.serve = serve_gated  # type: ignore[assignment, misc]
+        try:
+            yield
+        finally:
+            websocket_server.serve = serve  # type: ignore[misc]
+
+
+def _gate(inner: Callable[[Any, Any], Response | None] | None) -> Callable[[Any, Any], Any]:
+    def process(connection: Any, request: Any) -> Response | None:
+        why = refusal(request.headers, connection.local_address)
+        if why:
+            body = why.encode()
+            headers = Headers({'Content-Type': 'text/plain', 'Content-Length': str(len(body))})
+            return Response(http.HTTPStatus.FORBIDDEN, 'Forbidden', headers, body)
+        return None if inner is None else inner(connection, request)
+
+    return process

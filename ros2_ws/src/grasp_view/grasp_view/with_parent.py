@@ -1,0 +1,73 @@
+"""Runs a command that ends with the process that started it, and removes a folder then.
+
+`python -m grasp_view.with_parent FOLDER COMMAND ...`: when stdin ends, however its writer died,
+the command is asked to end and then made to. A signal to this process does the same, and where
+this process is killed the kernel ends the command.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+
+PATIENCE_S = 5.0
+# From linux/prctl.h.
+PR_SET_PDEATHSIG = 1
+
+
+def start(folder: str, command: Sequence[str]) -> subprocess.Popen[bytes]:
+    """Start `command` so that it ends, and `folder` goes, with this process."""
+    return subprocess.Popen(
+        [sys.executable, '-m', 'grasp_view.with_parent', folder, *command],
+        stdin=subprocess.PIPE,
+        start_new_session=True,
+    )
+
+
+def stop(process: subprocess.Popen[bytes]) -> None:
+    """End what `start` started."""
+    if process.stdin is not None:
+        process.stdin.close()
+    try:
+        process.wait(2.0 * PATIENCE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Wait for the command or for the end of stdin; returns the exit code of the command."""
+    folder, *command = arguments
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=_die_with_parent)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: process.terminate())
+    threading.Thread(target=_end_with_stdin, args=(process,), daemon=True).start()
+    try:
+        return process.wait()
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _die_with_parent() -> None:
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+def _end_with_stdin(process: subprocess.Popen[bytes]) -> None:
+    # Not through sys.stdin: its lock, held by this thread, would break the end of the interpreter.
+    while os.read(0, 4096):
+        continue
+    process.terminate()
+    try:
+        process.wait(PATIENCE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+
+
+if __name__ == '__main__':
+    sys.exit(main(sys.argv[1:]))

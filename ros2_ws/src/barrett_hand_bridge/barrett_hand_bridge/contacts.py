@@ -102,6 +102,7 @@ class TouchTracker:
         self._history: deque[tuple[Array, float]] = deque(maxlen=settings.memory)
         self._origin: Array | None = None
         self._origin_sigma_m = 0.0
+        self.withdrawn_m = 0.0
 
     def reset(self) -> None:
         """Forget contact and history."""
@@ -109,6 +110,7 @@ class TouchTracker:
         self._above = self._below = 0
         self._history.clear()
         self._origin = None
+        self.withdrawn_m = 0.0
 
     def update(self, point: Array, force_n: float, noise_n: float) -> bool:
         """Take the pin's end (m, hand frame), the force and its white noise; True while touching.
@@ -148,7 +150,9 @@ class TouchTracker:
         """Way along the normal since touch and the uncertainty of its start, in m."""
         if self._origin is None:
             return 0.0, 0.0
-        return float((point - self._origin) @ normal), self._origin_sigma_m
+        travel = float((point - self._origin) @ normal)
+        self.withdrawn_m = -travel
+        return travel, self._origin_sigma_m
 
 
 def _corner(ways: Array, forces: Array) -> tuple[int, float]:

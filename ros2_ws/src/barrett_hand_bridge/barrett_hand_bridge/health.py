@@ -177,6 +177,11 @@ def _judge_fingers(observation: Observation) -> tuple[Level, str]:
             warning = warning or f'finger {finger} is not tared: call hand/tare'
         elif reading.near_saturation:
             warning = warning or f'finger {finger}: {reading.torque_nm:.2f} N m, gauge ends soon'
+        elif reading.zero_doubt_counts > 0.0:
+            warning = warning or (
+                f'finger {finger}: {reading.zero_doubt_counts:.1f} counts of its zero may be a '
+                'load that came at rest; move it free by 5 mm, or open the hand and tare'
+            )
     if warning:
         return Level.WARN, warning
     touching = [
@@ -211,6 +216,7 @@ def _finger_values(observation: Observation, observer: HandObserver | None) -> d
         age = math.nan if tared_at_s is None else observation.stamp_ns * 1e-9 - tared_at_s
         values[f'{name} zero (counts)'] = f'{reading.zero_counts:.2f}'
         values[f'{name} zero sigma (counts)'] = f'{reading.zero_sigma_counts:.2f}'
+        values[f'{name} zero doubt (counts)'] = f'{reading.zero_doubt_counts:.2f}'
         values[f'{name} zero age (s)'] = f'{age:.0f}'
         valid = observer.settings.calibrations[finger].valid_torque_nm
         if reading.arm_m > 0.005:

@@ -21,6 +21,7 @@ from barrett_hand_bridge.contacts import (
     normal_force,
     opposed_normals,
 )
+from barrett_hand_bridge.fit import UNLOADED_NM
 from barrett_hand_bridge.hand import ENCODER_262, FINGERS, EncoderScale, HandSample
 from barrett_hand_bridge.kinematics import (
     Array,
@@ -36,13 +37,16 @@ from barrett_hand_bridge.kinematics import (
     pin_end,
     torque_arm,
 )
-from barrett_hand_bridge.tare import ExpectedZero, TareOutcome, take_zero
+from barrett_hand_bridge.posture import HandPosture, is_open
+from barrett_hand_bridge.tare import HYSTERESIS_NM, ExpectedZero, TareOutcome, take_zero
 from barrett_hand_bridge.touch import touch_cells, touch_contacts
-from barrett_hand_bridge.zero import DRIFT_8_BIT, DriftModel, ZeroTracker
+from barrett_hand_bridge.zero import BLOCK_S, DRIFT_8_BIT, DriftModel, ZeroTracker
 
 NEAR_SATURATION = 0.9
 FACING_COSINE = 0.5
 QUANTISATION_COUNTS = 1.0 / math.sqrt(12.0)
+# Behind the place of first touch by so much, a pin has left the dent that it had pressed.
+WITHDRAWN_M = 0.003
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,7 @@ class FingerReading:
     gauge_counts: int | None
     zero_counts: float
     zero_sigma_counts: float
+    zero_doubt_counts: float
     torque_nm: float
     sigma_torque_nm: float
     near_saturation: bool
@@ -100,13 +105,21 @@ class _Torque:
 
 
 class HandObserver:
-    """Keeps zeros, drift and touches; turns each sample into an `Observation`."""
+    """Keeps zeros, drift and touches; turns each sample into an `Observation`.
+
+    The states of a finger and what leads from one to another: README.md, "The zero".
+    """
 
     def __init__(self, settings: ObserverSettings) -> None:
         """Nothing tared, nothing touched."""
         self.settings = settings
         self.zeros = {finger: ZeroTracker(settings.drift) for finger in FINGERS}
+        # What the gauge of each finger, without its link's weight, read when the finger was open.
+        self._seen_open = {finger: ZeroTracker(settings.drift) for finger in FINGERS}
         self.touches = {finger: TouchTracker(settings.touch) for finger in FINGERS}
+        self.posture = HandPosture(settings.encoder)
+        # When a touch of a finger at rest began, by itself.
+        self._came_at_rest_s = dict.fromkeys(FINGERS, -math.inf)
         self._tare_weight_nm = dict.fromkeys(FINGERS, 0.0)
         self._weight_nm = dict.fromkeys(FINGERS, 0.0)
         self._cells = touch_cells(settings.geometry)
@@ -118,27 +131,54 @@ class HandObserver:
 
     def forget_zeros(self) -> None:
         """The hand was away: contacts are not to be trusted before the next tare."""
+        self.posture.forget()
         for finger in FINGERS:
             self.zeros[finger].forget()
+            self._seen_open[finger].forget()
             self.touches[finger].reset()
 
     def tare(self, samples: list[HandSample]) -> TareOutcome:
-        """Take new zeros from samples at rest, or say why not."""
-        expected: dict[int, ExpectedZero] = {}
-        for finger in FINGERS:
-            zero = self.zeros[finger]
-            known = zero.counts + self._weight_counts(finger) if zero.tared else None
-            expected[finger] = ExpectedZero(
-                known, zero.sigma_counts, self.touches[finger].touching
-            )
+        """Take new zeros from samples at rest, or say why not; their weights are taken along."""
+        for sample in samples:
+            self.posture.see(sample)
+        angles = joint_angles(samples[-1], self.settings.encoder)
+        time_s = samples[-1].stamp_ns * 1e-9
+        weights = {finger: self._link_weight(finger, angles) for finger in FINGERS}
+        expected = {
+            finger: self._expected_zero(finger, angles, weights[finger], time_s)
+            for finger in FINGERS
+        }
         outcome = take_zero(samples, self._calibrations(), expected)
-        for finger, zero_taken in outcome.zeros.items():
-            self._tare_weight_nm[finger] = self._weight_nm[finger]
-            self.zeros[finger].tare(
-                zero_taken.counts, zero_taken.sigma_counts, samples[-1].stamp_ns * 1e-9
-            )
+        for finger, taken in outcome.zeros.items():
+            self._tare_weight_nm[finger] = weights[finger]
+            self.zeros[finger].tare(taken.counts, taken.sigma_counts, time_s, taken.doubt_counts)
             self.touches[finger].reset()
         return outcome
+
+    def _expected_zero(
+        self, finger: int, angles: JointAngles, weight_nm: float, time_s: float
+    ) -> ExpectedZero:
+        """What is known of a finger's zero before a tare at these angles."""
+        gauge = self.settings.calibrations.get(finger, NO_GAUGE)
+        opened = is_open(angles.inner, finger)
+        zero, seen = self.zeros[finger], self._seen_open[finger]
+        if zero.tared and gauge.kind != 'none':
+            zero.advance(time_s)
+            moved = (weight_nm - self._tare_weight_nm[finger]) / gauge.slope(
+                zero.counts, zero.counts
+            )
+            return ExpectedZero(
+                zero.counts + moved,
+                zero.drift_sigma_counts,
+                self.touches[finger].touching and not self._questionable(finger),
+                opened,
+                doubt_counts=zero.doubt_counts,
+            )
+        if seen.tared and gauge.kind != 'none':
+            seen.advance(time_s)
+            known = seen.counts + weight_nm / gauge.slope(seen.counts, seen.counts)
+            return ExpectedZero(known, seen.sigma_counts, False, opened, tared=False)
+        return ExpectedZero(None, 0.0, False, opened, tared=False)
 
     def strain_limits(self, torque_nm: float) -> dict[int, int | None]:
         """The reading per finger above which the hand itself must stop closing."""
@@ -168,18 +208,26 @@ class HandObserver:
         slope = gauge.slope(zero, zero)
         return (self._weight_nm[finger] - self._tare_weight_nm[finger]) / slope
 
+    def _link_weight(self, finger: int, angles: JointAngles) -> float:
+        """Torque of the outer link's weight about joint 3 in N m, the tendons taken as rigid."""
+        geometry = self.settings.geometry
+        rigid = finger_frames(
+            geometry, finger, angles.spread, angles.inner[finger], angles.outer[finger]
+        )
+        return gravity_torque(geometry, rigid, self._gravity)
+
     def observe(self, sample: HandSample) -> Observation:
         """Digest one sample."""
         s = self.settings
         time_s = sample.stamp_ns * 1e-9
         angles = joint_angles(sample, s.encoder)
+        self.posture.see(sample)
         torques: dict[int, _Torque] = {}
         frames: dict[int, FingerFrames] = {}
         ends: dict[int, Array] = {}
         for index, finger in enumerate(FINGERS):
             outer = angles.outer[finger]
-            rigid = finger_frames(s.geometry, finger, angles.spread, angles.inner[finger], outer)
-            self._weight_nm[finger] = gravity_torque(s.geometry, rigid, self._gravity)
+            self._weight_nm[finger] = self._link_weight(finger, angles)
             torque = self._torque(finger, sample.gauge_counts[index], time_s)
             torques[finger] = torque
             # The tendons give way under the torque: the link stands behind its encoder.
@@ -188,6 +236,8 @@ class HandObserver:
                 s.geometry, finger, angles.spread, angles.inner[finger], bent
             )
             ends[finger] = pin_end(frames[finger], s.pins[finger])
+            if is_open(angles.inner, finger):
+                self._see_open(finger, sample.gauge_counts[index], time_s)
         readings: dict[int, FingerReading] = {}
         for index, finger in enumerate(FINGERS):
             readings[finger] = self._reading(
@@ -224,7 +274,8 @@ class HandObserver:
         slope = abs(gauge.slope(float(counts), zero_counts))
         white = slope * math.hypot(gauge.noise_counts, QUANTISATION_COUNTS)
         zero_slope = abs(gauge.slope(zero_counts, zero_counts))
-        slow = math.hypot(zero_slope * zero_sigma, gauge.residual_nm)
+        # The law scatters at the reading and at the zero it is taken from.
+        slow = math.hypot(zero_slope * zero_sigma, math.sqrt(2.0) * gauge.residual_nm)
         sigma = math.hypot(white, slow, gauge.relative_sigma * whole)
         near = abs(whole) > NEAR_SATURATION * gauge.valid_torque_nm
         return _Torque(whole - weight, sigma, white, flags, near)
@@ -248,9 +299,12 @@ class HandObserver:
         flags = torque.flags
         force = normal_force(torque.value_nm, torque.sigma_nm, arm, sigma_arm)
         travel, sigma_travel = 0.0, 0.0
-        touching = False
         if math.isfinite(torque.white_nm) and math.isfinite(force.sigma_n):
+            touched = self.touches[finger].touching
             touching = self.touches[finger].update(point, force.force_n, torque.white_nm / arm)
+            if touching and not touched:
+                at_rest = self._right_at_rest(finger)
+                self._came_at_rest_s[finger] = time_s if at_rest else -math.inf
             if touching:
                 flags |= FLAG_CONTACT
                 travel, sigma_origin = self.touches[finger].travel(point, normal)
@@ -260,7 +314,7 @@ class HandObserver:
                 )
                 encoder = s.encoder.finger_rad_per_count * QUANTISATION_COUNTS * 2.0 * reach
                 sigma_travel = math.hypot(sigma_origin, arm * stretch, encoder)
-            self._follow_zero(finger, counts, touching, time_s)
+            self._follow_zero(finger, counts, point, time_s)
         elif not torque.flags & FLAG_NO_GAUGE:
             flags |= FLAG_FAULT
         zero = self.zeros[finger]
@@ -281,6 +335,7 @@ class HandObserver:
             gauge_counts=counts,
             zero_counts=zero.counts,
             zero_sigma_counts=zero.sigma_counts,
+            zero_doubt_counts=zero.doubt_counts,
             torque_nm=torque.value_nm,
             sigma_torque_nm=torque.sigma_nm,
             near_saturation=torque.near,
@@ -306,10 +361,61 @@ class HandObserver:
         gap = max(length(second - first), 1e-6)
         return normal, math.sqrt(2.0) * pin.position_sigma_m / gap
 
-    def _follow_zero(self, finger: int, counts: int | None, touching: bool, time_s: float) -> None:
-        zero = self.zeros[finger]
-        if touching or counts is None or not self.settings.follow_drift:
+    def _see_open(self, finger: int, counts: int | None, time_s: float) -> None:
+        """Remember what the gauge of an open finger reads, without the weight of its link."""
+        gauge = self.settings.calibrations.get(finger, NO_GAUGE)
+        if counts is None or gauge.kind == 'none':
+            return
+        slope = gauge.slope(float(counts), float(counts))
+        unloaded = counts - self._weight_nm[finger] / slope
+        seen = self._seen_open[finger]
+        if not seen.tared:
+            seen.tare(unloaded, math.hypot(gauge.noise_counts, QUANTISATION_COUNTS), time_s)
+        # Whatever an open finger reads is its zero.
+        seen.free_reading(unloaded, gauge.noise_counts, time_s, steps_counts=(-math.inf, math.inf))
+
+    def _follow_zero(self, finger: int, counts: int | None, place: Array, time_s: float) -> None:
+        zero, touch = self.zeros[finger], self.touches[finger]
+        if (
+            counts is None
+            or not self.settings.follow_drift
+            or (touch.touching and not self._questionable(finger))
+        ):
             zero.interrupt()
             return
-        noise = self.settings.calibrations[finger].noise_counts
-        zero.free_reading(counts - self._weight_counts(finger), noise, time_s)
+        stepped = zero.free_reading(
+            counts - self._weight_counts(finger),
+            self.settings.calibrations[finger].noise_counts,
+            time_s,
+            steps_counts=self._possible_steps(finger, time_s),
+            place=place,
+        )
+        if stepped:
+            touch.reset()
+
+    def _questionable(self, finger: int) -> bool:
+        """Whether a touch can be a step of the zero: it came at rest, or the pin has left it."""
+        return (
+            self._right_at_rest(finger)
+            or self._came_at_rest_s[finger] > self.posture.closed_at_s[finger]
+            or self.touches[finger].withdrawn_m > WITHDRAWN_M
+        )
+
+    def _right_at_rest(self, finger: int) -> bool:
+        """Whether the reading was the zero's since the hand last moved: what came, came alone."""
+        return self.zeros[finger].agreed_from_s >= self.posture.still_since_s
+
+    def _possible_steps(self, finger: int, time_s: float) -> tuple[float, float]:
+        """Steps of the zero down and up, in counts, that the posture allows to be adopted."""
+        others = any(
+            self.touches[other].touching and not self._questionable(other)
+            for other in FINGERS
+            if other != finger
+        )
+        if others or time_s - self.posture.still_since_s < BLOCK_S:
+            return (0.0, 0.0)
+        zero = self.zeros[finger].counts
+        slope = self.settings.calibrations[finger].slope(zero, zero)
+        # Nothing pulls a finger closed: down, the whole band of unloaded readings is open.
+        free = self.posture.withdrawn(finger) or self._questionable(finger)
+        return (-UNLOADED_NM / slope, HYSTERESIS_NM / slope if free else 0.0)

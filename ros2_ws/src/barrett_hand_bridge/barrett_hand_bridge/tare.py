@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -9,19 +10,25 @@ import numpy as np
 
 from barrett_hand_bridge.calibration import GaugeCalibration
 from barrett_hand_bridge.hand import FINGERS, HandSample
+from barrett_hand_bridge.posture import STILL_COUNTS
 
 TARE_SAMPLES = 100
-STILL_COUNTS = 2
 LOADED_SIGMAS = 5.0
 LOADED_COUNTS = 1.5
+# What a zero may step by itself: 2 % of the gauge's whole scale, as the play of a bonded gauge.
+HYSTERESIS_NM = 0.05
 
 
 @dataclass(frozen=True)
 class Zero:
-    """A measured zero in counts with the standard deviation of its mean."""
+    """A measured zero in counts with the standard deviation of its mean.
+
+    `doubt_counts`: what of it may be a load that nothing speaks against, as a standard deviation.
+    """
 
     counts: float
     sigma_counts: float
+    doubt_counts: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -31,14 +38,42 @@ class TareOutcome:
     zeros: Mapping[int, Zero]
     refusal: str = ''
 
+    @property
+    def sentence(self) -> str:
+        """The zeros in words, with their doubts, or the refusal."""
+        if self.refusal:
+            return self.refusal
+        text = 'zero in counts: ' + ', '.join(
+            f'finger {finger} {zero.counts:.2f}' for finger, zero in self.zeros.items()
+        )
+        doubts = ', '.join(
+            f'finger {finger} by {zero.doubt_counts:.1f} counts'
+            for finger, zero in self.zeros.items()
+            if zero.doubt_counts > 0.0
+        )
+        if doubts:
+            text += (
+                f'; in doubt (a light load would read the same): {doubts}; moving the finger free '
+                'by 5 mm ends the doubt, and so does a tare with the hand open'
+            )
+        return text
+
 
 @dataclass(frozen=True)
 class ExpectedZero:
-    """What is known of a zero before: counts with sigma, and whether the finger is in contact."""
+    """What speaks for or against a load before the samples are looked at.
+
+    `counts` with sigma: the zero known in the present pose, from a tare or (`tared` False) from
+    the open hand. `touching`: the finger moved into a contact and has not left it. `is_open`: it
+    stands at its open end, where it holds nothing. `doubt_counts`: a doubt that nothing has ended.
+    """
 
     counts: float | None
     sigma_counts: float
     touching: bool
+    is_open: bool = False
+    tared: bool = True
+    doubt_counts: float = 0.0
 
 
 def take_zero(
@@ -48,7 +83,9 @@ def take_zero(
 ) -> TareOutcome:
     """Zeros of all fitted gauges from samples of a hand at rest.
 
-    `expected` holds earlier zeros, moved to the present pose; a reading far from one means load.
+    Judged against the band of unloaded readings and the posture, not against the last zero alone,
+    which may itself be wrong: a reading far from it means load where the finger moved into a
+    contact; elsewhere it is taken, and the difference stays as a doubt.
     """
     zeros: dict[int, Zero] = {}
     if _moves([sample.spread_counts for sample in samples]):
@@ -72,19 +109,44 @@ def take_zero(
                 f'finger {finger} reads {mean:.1f} counts, an unloaded gauge reads {low:g} to '
                 f'{high:g}: free the finger, or set its potentiometer',
             )
-        if known.counts is not None:
-            allowed = LOADED_SIGMAS * known.sigma_counts + LOADED_COUNTS
-            if known.touching and abs(mean - known.counts) > allowed:
-                return TareOutcome(
-                    {},
-                    f'finger {finger} is loaded ({mean - known.counts:+.1f} counts from its last '
-                    'zero): open the hand, then tare',
-                )
+        refusal, doubt = _judge(finger, mean, gauge, known)
+        if refusal:
+            return TareOutcome({}, refusal)
         noise = float(np.std(present))
-        zeros[finger] = Zero(mean, max(noise, 1 / np.sqrt(12.0)) / np.sqrt(len(present)))
+        sigma = max(noise, 1 / np.sqrt(12.0)) / np.sqrt(len(present))
+        zeros[finger] = Zero(mean, sigma, doubt)
     if not zeros:
         return TareOutcome({}, 'no finger has a gauge to tare')
     return TareOutcome(zeros)
+
+
+def _judge(
+    finger: int, mean: float, gauge: GaugeCalibration, known: ExpectedZero
+) -> tuple[str, float]:
+    """Why a reading is no zero (empty: it is one), and the doubt that stays, in counts."""
+    if known.is_open:
+        return '', 0.0
+    if known.counts is None:
+        low, high = gauge.no_load_counts
+        # Anywhere in the band alike: the standard deviation of a uniform distribution.
+        return '', (high - low) / math.sqrt(12.0)
+    off = mean - known.counts
+    if abs(off) <= LOADED_SIGMAS * known.sigma_counts + LOADED_COUNTS:
+        return '', known.doubt_counts
+    if known.touching:
+        return (
+            f'finger {finger} is loaded ({off:+.1f} counts from its last zero): open the hand, '
+            'then tare',
+            0.0,
+        )
+    if not known.tared and off * gauge.slope(mean, mean) > HYSTERESIS_NM:
+        return (
+            f'finger {finger} is loaded ({off:+.1f} counts since it stood open): open the hand, '
+            'then tare',
+            0.0,
+        )
+    # Nothing pulls a finger closed: a reading that fell is nearer to the unloaded one.
+    return '', math.hypot(known.doubt_counts, off) if off > 0.0 else 0.0
 
 
 def _moves(positions: list[int]) -> bool:

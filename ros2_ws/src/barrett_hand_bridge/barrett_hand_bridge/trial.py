@@ -1,7 +1,8 @@
 """A whole measurement, emulated: calibrate, tare, wait, grasp; how far off is the force?
 
 Every seed draws another hand: gauges, mounting of the pins, stretch of the tendons, weight of the
-links. The driver knows none of it; it has the nominal numbers and the calibration it fitted.
+links. The driver knows none of it; it has the nominal numbers and the calibration it fitted. A
+misfit adds what the driver's models do not hold at all.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from barrett_hand_bridge.emulator.direct_port import DirectPort
 from barrett_hand_bridge.emulator.geometry import FINGERS, MountedPin
 from barrett_hand_bridge.emulator.mechanics import HandBody, HandMechanics
+from barrett_hand_bridge.emulator.misfit import MISFITS, misfit_body, misfit_gauges
 from barrett_hand_bridge.emulator.serial_hand import SerialHand as EmulatedHand
 from barrett_hand_bridge.emulator.squeeze import ForceTable, Pinched
 from barrett_hand_bridge.emulator.weighing import weighing_table
@@ -44,8 +46,8 @@ class ForceError:
 class Trial:
     """One emulated hand and the driver that measures with it, on simulated time."""
 
-    def __init__(self, seed: int, *, follow_drift: bool = True) -> None:
-        """A hand with open, opposed fingers, calibrated and initialised, not tared."""
+    def __init__(self, seed: int, *, follow_drift: bool = True, misfit: str = 'none') -> None:
+        """A hand with opposed fingers, calibrated, initialised, seen open, not tared."""
         self.seed = seed
         generator = np.random.default_rng([seed, 1])
         nominal = MountedPin()
@@ -66,7 +68,11 @@ class Trial:
             },
             outer_link_mass_kg=0.1 * float(generator.normal(1.0, 0.1)),
         )
-        self.mechanics = HandMechanics(body, seed, Pinched((1, 2), WIDTH_M, BALL))
+        truth = MISFITS[misfit]
+        self.mechanics = HandMechanics(
+            misfit_body(body, truth), seed, Pinched((1, 2), WIDTH_M, BALL)
+        )
+        misfit_gauges(self.mechanics, truth)
         self.emulated = EmulatedHand(self.mechanics)
         fits = fit_hand(
             parse_weighings(weighing_table(self.mechanics, seed), f'seed {seed}'),
@@ -87,6 +93,8 @@ class Trial:
                 {finger: fit.gauge for finger, fit in fits.items()}, follow_drift=follow_drift
             )
         )
+        for _ in range(120):
+            self.observer.observe(self.sample())
         grasp = opposed_grasp(HandGeometry(), Pin(), WIDTH_M + 0.010)
         self.open = {motor: float(c) for motor, c in grasp.counts(ENCODER_262).items()}
         self.mechanics.place(self.open)
@@ -145,11 +153,12 @@ def force_errors(
     drift_minutes: float = 30.0,
     loads_n: Sequence[float] = LOADS_N,
     follow_drift: bool = True,
+    misfit: str = 'none',
 ) -> list[ForceError]:
     """Errors of the recovered forces after a time of drift, one hand per seed."""
     errors: list[ForceError] = []
     for seed in seeds:
-        trial = Trial(seed, follow_drift=follow_drift)
+        trial = Trial(seed, follow_drift=follow_drift, misfit=misfit)
         refusal = trial.tare()
         if refusal:
             raise RuntimeError(f'seed {seed}: {refusal}')

@@ -11,6 +11,7 @@ from barrett_hand_bridge.contacts import (
     FLAG_NOT_TARED,
     FLAG_SATURATED,
 )
+from barrett_hand_bridge.emulator.misfit import MISFITS
 from barrett_hand_bridge.fit import UNLOADED_NM
 from barrett_hand_bridge.trial import Trial, bias_counts, coverage, force_errors
 
@@ -30,8 +31,16 @@ def test_recovered_force_is_unbiased_to_one_count_after_half_an_hour(errors):
 @pytest.mark.timeout(3600)
 def test_sigma_covers_its_90_percent_level(errors):
     # Twelve hands share twelve mountings: the share of the few scatters by several percent.
-    low, high = (0.85, 0.95) if len(SEEDS) >= 200 else (0.75, 0.99)
+    low, high = (0.85, 0.95) if len(SEEDS) >= 200 else (0.78, 0.99)
     assert low <= coverage(errors) <= high
+
+
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize('misfit', [name for name in MISFITS if name != 'none'])
+def test_sigma_covers_hands_that_the_drift_model_does_not_know(misfit):
+    hands = range(700, 900) if len(SEEDS) >= 200 else range(700, 708)
+    errors = force_errors(hands, loads_n=(0.5, 2.0, 10.0), misfit=misfit)
+    assert coverage(errors) >= (0.85 if len(hands) >= 200 else 0.75)
 
 
 def test_without_following_the_drift_the_force_is_off_by_counts():

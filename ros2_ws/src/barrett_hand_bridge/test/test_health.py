@@ -22,12 +22,12 @@ GAUGE = GaugeCalibration(
 @pytest.fixture
 def observer():
     observer = HandObserver(ObserverSettings(dict.fromkeys((1, 2, 3), GAUGE)))
-    observer.tare([sample(120, stamp) for stamp in range(100)])
+    observer.tare([sample(120, stamp, (0, 0, 0)) for stamp in range(100)])
     return observer
 
 
-def sample(counts=120, stamp=100):
-    return HandSample(stamp * 10_000_000, (5000, 5000, 0), 1575, (counts, 120, 120))
+def sample(counts=120, stamp=100, fingers=(5000, 5000, 0)):
+    return HandSample(stamp * 10_000_000, fingers, 1575, (counts, 120, 120))
 
 
 def judge(observer, counts=120, **changes):
@@ -104,6 +104,18 @@ def test_the_strain_limits_of_the_hand_are_shown(observer):
     values = Health().values(observer.observe(taken), taken, observer, 0.0)
     assert values['finger 1 strain limit HSG (counts)'] == '214'
     assert values['finger 2 strain limit HSG (counts)'] == 'none'
+
+
+def test_the_age_of_a_zero_is_counted_from_its_tare(observer):
+    values = Health().values(observer.observe(sample(stamp=1299)), sample(), observer, 0.0)
+    assert values['finger 1 zero age (s)'] == '12'
+
+
+def test_a_zero_in_doubt_is_a_warning_that_says_how_to_end_it():
+    observer = HandObserver(ObserverSettings(dict.fromkeys((1, 2, 3), GAUGE)))
+    observer.tare([sample(120, stamp) for stamp in range(100)])
+    level, text = judge(observer)
+    assert level is Level.WARN and 'open the hand and tare' in text
 
 
 def test_a_hot_hand_is_an_error(observer):

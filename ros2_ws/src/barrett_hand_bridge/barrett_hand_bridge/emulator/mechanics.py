@@ -19,12 +19,21 @@ from barrett_hand_bridge.emulator.geometry import (
     FingerPose,
     MountedPin,
     Vector,
+    dot,
     finger_pose,
     knuckle_torque,
     opening_torque,
     scale,
+    subtract,
+    unit,
 )
-from barrett_hand_bridge.emulator.squeeze import NO_LOAD, ContactLoad, Squeezed, contact_loads
+from barrett_hand_bridge.emulator.squeeze import (
+    NO_LOAD,
+    ContactLoad,
+    Pinched,
+    Squeezed,
+    contact_loads,
+)
 from barrett_hand_bridge.emulator.strain_gauge import (
     StrainGauge,
     character_8_bit,
@@ -33,6 +42,8 @@ from barrett_hand_bridge.emulator.strain_gauge import (
 
 SPREAD = 4
 GRAVITY_M_PER_S2 = 9.80665
+# Pads further from facing each other have nothing between them.
+FACING_COSINE = 0.3
 
 
 @dataclass(frozen=True)
@@ -60,6 +71,9 @@ class HandBody:
     )
     tendon_compliance_rad_per_nm: Mapping[int, float] = field(
         default_factory=lambda: dict.fromkeys(FINGERS, 0.02)
+    )
+    tendon_play_rad: Mapping[int, float] = field(
+        default_factory=lambda: dict.fromkeys(FINGERS, 0.0)
     )
     outer_link_mass_kg: float = 0.1
     outer_link_centre_m: float = 0.025
@@ -136,6 +150,8 @@ class HandMechanics:
         self.torque_share: dict[int, float] = dict.fromkeys((*FINGERS, SPREAD), 1.0)
         self.breakaway_counts: dict[int, float | None] = dict.fromkeys(FINGERS)
         self._remainder_s = 0.0
+        # The bend of each outer link, whose tendons lag behind where they have play.
+        self._bend_rad: dict[int, float] = dict.fromkeys(FINGERS, 0.0)
         self._loads: dict[int, ContactLoad] = {}
         self._torques: dict[int, float] = dict.fromkeys(FINGERS, 0.0)
         self._settle()
@@ -168,14 +184,19 @@ class HandMechanics:
         )
 
     def _bent_pose(self, finger: int, force: float, inward: Vector | None) -> FingerPose:
-        pose = self.pose(finger)
+        pose = self.pose(finger, self._bend(finger, 0.0))
         if inward is None or force == 0.0:
             return pose
-        compliance = self.body.tendon_compliance_rad_per_nm[finger]
         for _ in range(3):
             torque = opening_torque(pose, pose.pin_tip, scale(inward, -force))
-            pose = self.pose(finger, compliance * torque)
+            pose = self.pose(finger, self._bend(finger, torque))
         return pose
+
+    def _bend(self, finger: int, torque_nm: float) -> float:
+        """Bend in rad under a torque from the object: stretch, and the play it moves within."""
+        stretched = self.body.tendon_compliance_rad_per_nm[finger] * torque_nm
+        play = self.body.tendon_play_rad[finger]
+        return min(max(self._bend_rad[finger], stretched - play), stretched + play)
 
     def _settle(self) -> None:
         """Find the contact forces for the present motor positions."""
@@ -189,13 +210,25 @@ class HandMechanics:
             }
 
         before = max((load.force_n for load in self._loads.values()), default=0.0)
-        self._loads = contact_loads(self.squeezed, tips, before)
+        held = self.squeezed if self._faces_object() else None
+        self._loads = contact_loads(held, tips, before)
         for finger in FINGERS:
             load = self._loads.get(finger, NO_LOAD)
             pose = self._bent_pose(finger, load.force_n, load.inward if load.force_n else None)
-            self._torques[finger] = opening_torque(
-                pose, pose.pin_tip, load.on_finger
-            ) + self._weight_torque(pose)
+            loading = opening_torque(pose, pose.pin_tip, load.on_finger)
+            self._bend_rad[finger] = self._bend(finger, loading)
+            self._torques[finger] = loading + self._weight_torque(pose)
+
+    def _faces_object(self) -> bool:
+        """Whether an object can be where it is squeezed: between pins that face each other."""
+        if not isinstance(self.squeezed, Pinched):
+            return True
+        first, second = (self.pose(finger) for finger in self.squeezed.fingers)
+        line = unit(subtract(second.pin_tip, first.pin_tip))
+        return (
+            dot(first.pad_normal, line) > FACING_COSINE
+            and dot(second.pad_normal, line) < -FACING_COSINE
+        )
 
     def _weight_torque(self, pose: FingerPose) -> float:
         centre = scale(pose.along, self.body.outer_link_centre_m)
@@ -309,13 +342,12 @@ class HandMechanics:
         pose = self._bent_pose(finger, load.force_n, load.inward if load.force_n else None)
         inner, outer = self.angles(finger)
         torque = opening_torque(pose, pose.pin_tip, load.on_finger)
-        compliance = self.body.tendon_compliance_rad_per_nm[finger]
         return FingerTruth(
             force_n=load.force_n,
             displacement_m=load.displacement_m,
             torque_nm=self._torques[finger],
             inner_rad=inner,
-            outer_rad=outer - compliance * torque,
+            outer_rad=outer - self._bend(finger, torque),
             pin_tip=pose.pin_tip,
             inward=load.inward,
             drift_counts=self.gauges[finger].drift_counts,

@@ -78,16 +78,27 @@ def object_contacts(
 
     A pin presses evenly over its radius; a pad is a rigid body and keeps its own.
 
-    Raises ObjectError when it declares none.
+    Raises ObjectError when it declares none, or one that is further from the object than its own
+    size.
     """
     if not shell_object.contacts:
         raise ObjectError(f'{shell_object.name}: no contacts; add contacts: [{{at_m: …}}]')
-    return tuple(
-        model.pad(np.array(contact.at_m), contact.radius_m, contact.curvature_radius_m)
-        if contact.kind == 'pad'
-        else model.contact(np.array(contact.at_m), radius or contact.radius_m)
-        for contact in shell_object.contacts
-    )
+    found = []
+    for number, contact in enumerate(shell_object.contacts):
+        at = np.array(contact.at_m)
+        if contact.kind == 'pad':
+            patch = model.pad(at, contact.radius_m, contact.curvature_radius_m)
+        else:
+            patch = model.contact(at, radius or contact.radius_m)
+        away = float(np.linalg.norm(at - patch.point)) - 0.5 * shell_object.thickness_m
+        if away > max(contact.radius_m, shell_object.thickness_m):
+            raise ObjectError(
+                f'{shell_object.name}: contact {number + 1}, at_m {list(contact.at_m)}, is '
+                f'{away:.3g} m away from the object, further than its own radius of '
+                f'{contact.radius_m:g} m; give a place on the outer face, in metres'
+            )
+        found.append(patch)
+    return tuple(found)
 
 
 def with_material(

@@ -31,6 +31,7 @@ from shell_deform.objects import ShellObject, load_object
 from shell_deform.picture import surface_figure
 from shell_deform.readout import Readout, read_out, thickness_warning, von_mises
 from shell_deform.solve.equilibrium import End, Equilibrium, LoadCase, displaced, forced
+from shell_deform.solve.first_touch import first_touch
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
 
 if TYPE_CHECKING:
@@ -88,8 +89,8 @@ class Squeezed:
 
     @property
     def contact_displacement(self) -> Array:
-        """(k,) motion of each contact's centre along that axis [m]."""
-        return self.state.displacement
+        """(k,) motion of each contact's centre, or pad, along that axis from first touch [m]."""
+        return self.state.displacement - self.shell.first_touch
 
     @property
     def control_points(self) -> Array:
@@ -219,6 +220,14 @@ class Shell:
         """(n, 3) points of the undeformed middle surface [m], one per control vertex."""
         return self.model.surface.limit_positions(self.model.rest)
 
+    @cached_property
+    def first_touch(self) -> Array:
+        """(k,) displacement of each contact from the undeformed surface at first touch [m].
+
+        Not zero where gas has blown the object up.
+        """
+        return first_touch(self._solver, self.contacts)[1]
+
     @property
     def faces(self) -> NDArray[np.int64]:
         """(m, 3) triangles between the points."""
@@ -277,9 +286,11 @@ class Shell:
                 f'{self.name} has {count} contacts: give one number or {count}, not an array of '
                 f'shape {values.shape}'
             )
-        case = (displaced if force is None else forced)(
-            self.contacts, np.broadcast_to(values, (count,))
-        )
+        wanted = np.broadcast_to(values, (count,))
+        if force is None:
+            case = displaced(self.contacts, self.first_touch + wanted)
+        else:
+            case = forced(self.contacts, wanted)
         numbers = ', '.join(f'{value:g}' for value in np.atleast_1d(values))
         return case, f'{numbers} {"m" if force is None else "N"}'
 

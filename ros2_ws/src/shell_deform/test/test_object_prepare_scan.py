@@ -162,7 +162,11 @@ def test_a_wall_of_varying_thickness_is_halved_where_it_is():
 def test_contacts_are_refined():
     place = np.array([[0.0, 0.0, scans.potato_radius(np.array([[0, 0, 1.0]]))[0]]])
     found = prepared(
-        *scans.potato(5, 2e-5), H, control_vertices=600, refine_at=place, refine_edge=0.0016
+        *scans.potato(5, 2e-5),
+        H,
+        control_vertices=600,
+        refine_at=place,
+        refine_edge=lambda surface: 0.0016,
     )
     mesh = found.fit.mesh
     ends = mesh.vertices[mesh.edges]

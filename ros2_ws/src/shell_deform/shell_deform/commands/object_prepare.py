@@ -107,7 +107,6 @@ def _prepare(options: argparse.Namespace) -> None:
         vertices, triangles = read_triangles(options.scan, options.unit)
         status.update(f'fitting {len(vertices)} points')
         contacts = np.array(options.contact, dtype=np.float64).reshape(-1, 4)
-        edge = EDGES_PER_RADIUS * float(contacts[:, 3].min()) if len(contacts) else None
         prepared = prepare(
             vertices,
             triangles,
@@ -117,7 +116,7 @@ def _prepare(options: argparse.Namespace) -> None:
             error=options.error_m,
             longest_rim=options.close_holes_m,
             refine_at=contacts[:, :3],
-            refine_edge=edge,
+            refine_edge=lambda surface: EDGES_PER_RADIUS * float(contacts[:, 3].min()),
         )
         _refuse_far_contacts(contacts, prepared.points)
         status.update('writing the results')

@@ -22,6 +22,7 @@ from shell_deform.objects import ShellObject, load_object
 from shell_deform.picture import surface_figure
 from shell_deform.readout import read_out
 from shell_deform.solve.equilibrium import Equilibrium, displaced, forced
+from shell_deform.solve.first_touch import first_touch
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
 from shell_deform.squeeze import warnings_of
 from shell_deform.theory import THEORIES
@@ -31,9 +32,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Solved:
-    """One load case: what was asked, what came out, how long it took [s]."""
+    """One load case: its state, the contacts' mean depth from first touch [m], its time [s]."""
 
     state: Equilibrium
+    depth: float
     seconds: float
 
 
@@ -60,11 +62,11 @@ def _solve(options: argparse.Namespace) -> None:
     by_force = options.force is not None
     values = options.force if by_force else options.displacement_sweep
     results: list[Solved] = []
-    state, ended = solver.rest(), ''
+    (state, touch), ended = first_touch(solver, contacts), ''
     for value in progress(values, 'load cases'):
         start = time.perf_counter()
         wanted = [value] * len(contacts)
-        case = forced(contacts, wanted) if by_force else displaced(contacts, wanted)
+        case = forced(contacts, wanted) if by_force else displaced(contacts, touch + wanted)
         found = solver.solve(case, state)
         if not found.converged:
             unit = 'N' if by_force else 'm'
@@ -72,7 +74,8 @@ def _solve(options: argparse.Namespace) -> None:
             ended += '; use a displacement sweep' if by_force else '; use smaller steps'
             break
         state = found
-        results.append(Solved(state, time.perf_counter() - start))
+        depth = float(np.mean(state.displacement - touch))
+        results.append(Solved(state, depth, time.perf_counter() - start))
     cpu = time.process_time() - loaded[1]
     readout = read_out(model, state.positions, shell_object.yield_stress_pa)
     for warning in warnings_of(model, state, readout):
@@ -102,7 +105,7 @@ def _solve(options: argparse.Namespace) -> None:
 def _point(solved: Solved) -> dict[str, Any]:
     state = solved.state
     return {
-        'displacement_m': float(np.mean(state.displacement)),
+        'displacement_m': solved.depth,
         'force_n': float(np.mean(state.force)),
         'energy_j': state.energy,
         'gas_pressure_pa': state.gas_pressure,

@@ -34,7 +34,7 @@ class Press:
     """What k pads do to a shell at one state; N = 3 n dofs.
 
     Attributes:
-        energy: stored in the contacts [J]. gradient: (n, 3) of it by the control points [N].
+        gradient: (n, 3) minus the nodal forces of the contacts [N].
         force: push of each pad along its axis [N]. depth: of each pad [m]; both for all contacts
             of the load case, those that are no pads as they were given.
         pressure: (k, p) contact pressure at the quadrature points [Pa].
@@ -45,7 +45,6 @@ class Press:
             its prescribed force [N].
     """
 
-    energy: float
     gradient: Array
     force: Array
     depth: Array
@@ -102,7 +101,7 @@ class PadField:
         points = self.matrix @ positions
         count = len(self.pads)
         weights, wall = self.shell.weights, 0.5 * self.shell.thickness
-        energy, gradient = 0.0, np.zeros_like(positions)
+        gradient = np.zeros_like(positions)
         forces, depths = np.array(force, dtype=float), np.array(depth, dtype=float)
         pressures = np.zeros((count, len(points)))
         stiffness = np.zeros((len(points), 3, 3))
@@ -119,9 +118,6 @@ class PadField:
             push = weights * pressure
             slope = there.normal @ pad.axis
             forces[c] = float(push @ slope)
-            energy += float(
-                weights @ ((pressure**2 - self.multipliers[k] ** 2) / (2.0 * self.stiffness))
-            )
             gradient -= self.matrix.T @ (push[:, None] * there.normal)
             active = np.flatnonzero(pressure > 0.0)
             hard = weights * self.stiffness
@@ -136,12 +132,10 @@ class PadField:
             mixed[active] = (push[:, None] * bent - (hard * slope)[:, None] * there.normal)[active]
             rows.append(np.asarray(self.matrix.T @ mixed).reshape(-1))
             corner.append(float(np.sum((hard * slope**2 - push * (bent @ pad.axis))[active])))
-            energy -= float(force[c]) * depths[c]
             touching.append(c)
             missing[c] = force[c] - forces[c]
         size = positions.size
         return Press(
-            energy,
             gradient,
             forces,
             depths,

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from ..surface.control_mesh import ControlMesh, moved
 from ..surface.fit import Target
+from .refined_mesh import refined
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -15,6 +16,21 @@ SMALLEST_SHARE = 0.3
 
 REACH = 6.0
 """Reach of the drawing in usual edges."""
+
+
+def with_small_triangles(
+    mesh: ControlMesh, target: Target, places: FloatArray, edge: float
+) -> ControlMesh:
+    """Edges of about `edge` [m] around `places` (k, 3): drawn together, or where that is not
+    enough, by more vertices. Vertices stay on `target`.
+    """
+    if not len(places):
+        return mesh
+    centres, _ = target.project(places)
+    usual = np.array([_usual_edge(mesh, mesh.vertices, centre) for centre in centres])
+    if np.all(edge >= SMALLEST_SHARE * usual):
+        return drawn_together(mesh, target, places, edge)
+    return refined(mesh, target, places, edge)
 
 
 def drawn_together(

@@ -8,9 +8,10 @@ import numpy.typing as npt
 from ..surface.control_mesh import ControlMesh, control_mesh
 from ..surface.fit import FitReport, Target, fit_limit_surface, fit_report, interpolating
 from ..surface.outer_ring import with_outer_ring
-from .drawn import drawn_together
+from .drawn import with_small_triangles
 from .file_mesh import LimitTarget, control_file, read_triangles
 from .grid_mesh import HalfCylinderTarget, HeightFieldTarget, grid, read_heights
+from .local_radius import local_radius
 from .prepare import prepare
 from .profile import Piece, RevolvedTarget, middle_profile
 from .revolved_mesh import revolved_mesh
@@ -27,7 +28,6 @@ from .shell_object import (
     Revolution,
     ShellObject,
     Sphere,
-    smallest_radius,
 )
 from .targets import EllipsoidTarget, SphereTarget
 
@@ -41,6 +41,11 @@ vertices on the mission ball this share leaves the smallest error in the force a
 """
 
 FIT_STEPS = 3
+
+BENDING_SHARE = 0.25
+"""Wanted edge length under a pad as a share of the bending length sqrt(R h) there.
+
+A pad presses along a ring that begins at its centre and is as narrow as that length allows."""
 
 
 def object_mesh(
@@ -57,7 +62,7 @@ def object_mesh(
 
     Args:
         control_vertices: about how many vertices on the surface (default: the object's own
-            number).
+            number); contacts much smaller than its triangles get more on top.
         refine_at: (k, 3) points of the surface to refine at [m] (default: the object's
             contacts; an empty list refines nowhere).
         refine_radius: radius of these contacts [m] (default: the smallest of the object's
@@ -69,24 +74,15 @@ def object_mesh(
     count = shell.control_vertices if control_vertices is None else int(control_vertices)
     if count < 12:
         raise ObjectError(f'{shell.name}: {count} control vertices; at least 12 are needed')
-    places, radius = _refinement(shell, refine_at, refine_radius)
     surface = shell.surface
+    places = _places(shell, refine_at)
     if isinstance(surface, MeshFile):
-        found = _from_file(shell, surface, count, places, radius)
+        found = _from_file(shell, surface, count, places, refine_radius)
         return found if found.is_closed else _ringed(found, LimitTarget(found))
     target = middle_surface(shell)
-    if isinstance(surface, Sphere | Ellipsoid):
-        mesh, places = _round(surface, 0.5 * shell.thickness_m, count, places, radius)
-    elif isinstance(target, HalfCylinderTarget):
-        flat, triangles = grid(np.pi * target.radius, target.length, count)
-        mesh = control_mesh(target.place(flat), triangles)
-    elif isinstance(target, HeightFieldTarget):
-        flat, triangles = grid(target.width, target.height, count)
-        mesh = control_mesh(target.place(flat), triangles)
-    else:
-        mesh, places = _revolved(meridian(shell), count, places, radius)
-    if len(places):
-        mesh = drawn_together(mesh, target, places, EDGES_PER_RADIUS * radius)
+    radius = _smallest_contact(shell, target, refine_radius)
+    mesh, left = _graded(shell, target, count, places, radius)
+    mesh = with_small_triangles(mesh, target, left, EDGES_PER_RADIUS * radius)
     return _ringed(interpolating(mesh), target)
 
 
@@ -110,8 +106,7 @@ def middle_surface(shell: ShellObject) -> Target:
     if isinstance(surface, HeightField):
         return HeightFieldTarget(read_heights(surface.file), surface.spacing_m, depth)
     if isinstance(surface, MeshFile):
-        places, radius = _refinement(shell, None, None)
-        mesh = _from_file(shell, surface, shell.control_vertices, places, radius)
+        mesh = _from_file(shell, surface, shell.control_vertices, _places(shell, None), None)
         return LimitTarget(mesh)
     return RevolvedTarget(meridian(shell))
 
@@ -142,34 +137,45 @@ def object_fit_report(shell: ShellObject, mesh: ControlMesh) -> FitReport:
     return fit_report(mesh, middle_surface(shell))
 
 
-def _refinement(
-    shell: ShellObject, refine_at: npt.ArrayLike | None, refine_radius: float | None
-) -> tuple[FloatArray, float]:
+def _places(shell: ShellObject, refine_at: npt.ArrayLike | None) -> FloatArray:
+    """(k, 3) where triangles are to be small [m]."""
     own = np.array([contact.at_m for contact in shell.contacts], dtype=np.float64)
     places = own if refine_at is None else np.asarray(refine_at, dtype=np.float64)
     places = places.reshape(-1, 3)
     if not np.isfinite(places).all():
         raise ObjectError(f'{shell.name}: refine_at holds a place that is not finite')
+    return places
+
+
+def _smallest_contact(shell: ShellObject, target: Target, refine_radius: float | None) -> float:
+    """Size [m] that triangles must resolve: as asked, or that of the object's contacts."""
     radius = refine_radius
     if radius is None:
-        radius = min((_contact_length(shell, c) for c in shell.contacts), default=np.inf)
+        lengths = (_contact_length(shell, contact, target) for contact in shell.contacts)
+        radius = min(lengths, default=np.inf)
     if not radius > 0.0:
         raise ObjectError(f'{shell.name}: refine_radius is {radius}; it must be above 0')
-    return places, float(radius)
+    return float(radius)
 
 
-def _contact_length(shell: ShellObject, contact: Contact) -> float:
-    """Size [m] that triangles under a contact must resolve.
-
-    A pad presses along a ring that begins at its centre and is as narrow as the wall's bending
-    length sqrt(R h) allows.
-    """
-    bending = np.sqrt(smallest_radius(shell.surface) * shell.thickness_m)
-    return contact.radius_m if contact.kind == 'pin' else min(contact.radius_m, 0.25 * bending)
+def _contact_length(shell: ShellObject, contact: Contact, target: Target) -> float:
+    """Size [m] that triangles under a contact must resolve, by the roundness of the place."""
+    if contact.kind == 'pin':
+        return contact.radius_m
+    length = contact.radius_m
+    for _ in range(3):
+        # What counts is how round the wall is within its bending length.
+        radius = local_radius(target, np.array(contact.at_m), length)
+        length = min(contact.radius_m, float(np.sqrt(radius * shell.thickness_m)))
+    return min(contact.radius_m, BENDING_SHARE * length)
 
 
 def _from_file(
-    shell: ShellObject, surface: MeshFile, count: int, places: FloatArray, radius: float
+    shell: ShellObject,
+    surface: MeshFile,
+    count: int,
+    places: FloatArray,
+    refine_radius: float | None,
 ) -> ControlMesh:
     """The control mesh in a file, or one fitted to the face that the file shows."""
     if surface.face != 'control':
@@ -182,7 +188,9 @@ def _from_file(
                 face=surface.face,
                 control_vertices=count,
                 refine_at=places,
-                refine_edge=EDGES_PER_RADIUS * radius,
+                refine_edge=lambda target: (
+                    EDGES_PER_RADIUS * _smallest_contact(shell, target, refine_radius)
+                ),
             ).fit.mesh
         except ObjectError as error:
             raise ObjectError(f'{shell.name}: {surface.file}: {error}') from error
@@ -194,6 +202,22 @@ def _from_file(
             f'{mesh.vertex_count} vertices'
         )
     return mesh
+
+
+def _graded(
+    shell: ShellObject, target: Target, count: int, places: FloatArray, radius: float
+) -> tuple[ControlMesh, FloatArray]:
+    """A mesh as even as the surface lets it be, fine at poles that are touched; places left."""
+    surface = shell.surface
+    if isinstance(surface, Sphere | Ellipsoid):
+        return _round(surface, 0.5 * shell.thickness_m, count, places, radius)
+    if isinstance(target, HalfCylinderTarget):
+        flat, triangles = grid(np.pi * target.radius, target.length, count)
+    elif isinstance(target, HeightFieldTarget):
+        flat, triangles = grid(target.width, target.height, count)
+    else:
+        return _revolved(meridian(shell), count, places, radius)
+    return control_mesh(target.place(flat), triangles), places
 
 
 def _round(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +13,9 @@ from ..surface.control_mesh import ControlMesh, MeshError, control_mesh
 from ..surface.limit import LimitSurface
 from ..surface.scan_fit import ScanFit, fit_scan
 from ..theory.thin_wall import thick_wall_warning, thickness_over_radius
-from .drawn import drawn_together
+from .drawn import with_small_triangles
 from .file_mesh import LimitTarget
-from .remesh import EvenMesh, decimated, even_mesh, smoothed
+from .remesh import decimated, even_mesh, smoothed
 from .scan_clean import CleanScan, boundary_loops, clean_scan
 from .shell_object import ObjectError
 
@@ -74,7 +75,7 @@ def prepare(
     error: float | None = None,
     longest_rim: float | None = None,
     refine_at: FloatArray | None = None,
-    refine_edge: float | None = None,
+    refine_edge: Callable[[LimitTarget], float] | None = None,
 ) -> PreparedScan:
     """Clean, orient, remesh and fit a scan.
 
@@ -85,7 +86,8 @@ def prepare(
         control_vertices: about how many control vertices to use.
         error: instead, use as many as bring the systematic part of the distance below this [m].
         longest_rim: holes with a rim up to this are closed [m] (default: half the object's size).
-        refine_at: (k, 3) places to refine [m]. refine_edge: wanted edge length there [m].
+        refine_at: (k, 3) places to refine [m]. refine_edge: wanted edge length there [m], told by
+            the surface fitted so far.
 
     Raises:
         ObjectError: the scan cannot carry a surface, the wall is too thick for one, or the
@@ -104,7 +106,17 @@ def prepare(
     for count in counts:
         even = even_mesh(scan, count, rim_limit)
         report['holes_closed'] = even.holes_closed
-        result = _fitted(first, scan, even, thickness, face, rim_limit, refine_at, refine_edge)
+        try:
+            mesh = control_mesh(even.vertices, even.triangles)
+        except MeshError as problem:
+            message = f'the remeshed scan cannot carry a surface: {problem}'
+            raise ObjectError(message) from problem
+        if refine_at is not None and len(refine_at) and refine_edge is not None:
+            # Triangles through scan points are as rough as these: how round a place is and where
+            # vertices go is told by a surface that is fitted to the scan.
+            smooth = LimitTarget(fit_scan(mesh, first.vertices, np.empty((0, 3)), 0.0).mesh)
+            mesh = with_small_triangles(mesh, smooth, refine_at, refine_edge(smooth))
+        result = _fitted(first, scan, mesh, thickness, face, rim_limit)
         if error is not None and result.systematic_m <= error:
             break
     assert result is not None
@@ -131,19 +143,11 @@ def _refuse_folds(share: float, wall: FloatArray) -> None:
 def _fitted(
     first: CleanScan,
     scan: CleanScan,
-    even: EvenMesh,
+    mesh: ControlMesh,
     thickness: float | FloatArray,
     face: str,
     longest_rim: float,
-    refine_at: FloatArray | None,
-    refine_edge: float | None,
 ) -> ScanFit:
-    try:
-        mesh = control_mesh(even.vertices, even.triangles)
-    except MeshError as error:
-        raise ObjectError(f'the remeshed scan cannot carry a surface: {error}') from error
-    if refine_at is not None and len(refine_at) and refine_edge is not None:
-        mesh = drawn_together(mesh, LimitTarget(mesh), refine_at, refine_edge)
     wall = _vertex_walls(mesh.vertices, thickness)
     if face == 'outer':
         # moved in by half the wall, a surface bent tighter than that would fold

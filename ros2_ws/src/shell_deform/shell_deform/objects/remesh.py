@@ -10,6 +10,7 @@ No package with a permissive licence and small wheels does this second step.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,10 +95,10 @@ def even_mesh(scan: CleanScan, vertices: int, longest_rim: float) -> EvenMesh:
     # Splitting and collapsing leave edges a little longer than asked.
     edge = 0.975 * float(np.sqrt(area / vertices / (np.sqrt(3.0) / 2.0)))
     for _ in range(ROUNDS):
-        points, faces = _split_long(points, faces, 4.0 / 3.0 * edge)
+        points, faces = split_long(points, faces, lambda middle: 4.0 / 3.0 * edge)
         points, faces = _collapse_short(points, faces, 0.8 * edge)
         for _ in range(3):
-            faces = _flipped(points, faces)
+            faces = flipped(points, faces)
         points = _relaxed(points, faces, ground, edge)
     return EvenMesh(points, faces, closed)
 
@@ -154,7 +155,7 @@ class _Ground:
         return self._rim_points[near.reshape(len(points), -1)].mean(axis=1)
 
 
-def _edge_table(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+def edge_table(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Edges (e, 2), their two triangles (e, 2; -1 on the boundary) and opposite corners."""
     start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     apex = np.roll(faces, -2, axis=1).reshape(-1)
@@ -170,7 +171,7 @@ def _edge_table(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
 
 
 def _boundary_edges(faces: IntArray) -> IntArray:
-    edges, triangles, _ = _edge_table(faces)
+    edges, triangles, _ = edge_table(faces)
     return edges[triangles[:, 1] < 0]
 
 
@@ -178,14 +179,22 @@ def _lengths(points: FloatArray, edges: IntArray) -> FloatArray:
     return np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
 
 
-def _split_long(
-    points: FloatArray, faces: IntArray, longest: float
+def split_long(
+    points: FloatArray,
+    faces: IntArray,
+    longest: Callable[[FloatArray], FloatArray | float],
+    fixed: int = 0,
 ) -> tuple[FloatArray, IntArray]:
-    """Halve edges that are too long, the longest first, at most one per triangle at a time."""
+    """Halve edges that are too long, the longest first, at most one per triangle at a time.
+
+    `longest` tells how long an edge with its middle at (e, 3) may be. New vertices come last;
+    edges between two of the first `fixed` vertices stay.
+    """
     for _ in range(8):
-        edges, triangles, _ = _edge_table(faces)
-        length = _lengths(points, edges)
-        wanted = np.flatnonzero(length > longest)
+        edges, triangles, _ = edge_table(faces)
+        middles = points[edges].mean(axis=1)
+        length = _lengths(points, edges) / longest(middles)
+        wanted = np.flatnonzero((length > 1.0) & (edges.max(axis=1) >= fixed))
         if len(wanted) == 0:
             break
         order = wanted[np.argsort(-length[wanted], kind='stable')]
@@ -217,7 +226,7 @@ def _collapse_short(
     """Merge the ends of edges that are too short, where the surface stays manifold."""
     points = points.copy()
     for _ in range(4):
-        edges, triangles, _ = _edge_table(faces)
+        edges, triangles, _ = edge_table(faces)
         length = _lengths(points, edges)
         wanted = np.flatnonzero(length < shortest)
         if len(wanted) == 0:
@@ -257,15 +266,18 @@ def _collapse_short(
     return points[used], faces.reshape(-1, 3)
 
 
-def _flipped(points: FloatArray, faces: IntArray) -> IntArray:
-    """Flip edges where that brings valences nearer to six (four on the rim)."""
-    edges, triangles, apexes = _edge_table(faces)
+def flipped(points: FloatArray, faces: IntArray, fixed: int = 0) -> IntArray:
+    """Flip edges where that brings valences nearer to six (four on the rim).
+
+    Edges between two of the first `fixed` vertices stay.
+    """
+    edges, triangles, apexes = edge_table(faces)
     n = len(points)
     valence = np.bincount(edges.ravel(), minlength=n)
     rim = np.unique(edges[triangles[:, 1] < 0])
     goal = np.full(n, 6)
     goal[rim] = 4
-    inner = np.flatnonzero(triangles[:, 1] >= 0)
+    inner = np.flatnonzero((triangles[:, 1] >= 0) & (edges.max(axis=1) >= fixed))
     i, j = edges[inner].T
     k, m = apexes[inner].T
     excess = valence - goal
@@ -313,7 +325,7 @@ def _stays_flat(
 def _relaxed(points: FloatArray, faces: IntArray, ground: _Ground, edge: float) -> FloatArray:
     """Move vertices towards the mean of their neighbours, within the surface."""
     n = len(points)
-    edges, triangles, _ = _edge_table(faces)
+    edges, triangles, _ = edge_table(faces)
     rim_edges = edges[triangles[:, 1] < 0]
     rim = np.unique(rim_edges)
     inner = np.ones(n, dtype=bool)

@@ -145,7 +145,7 @@ class StepSolver:
                 if not np.all(np.isfinite(tangent.gradient)):
                     message = 'the surface folded onto itself'
                     break
-                gradient, energy = tangent.gradient, tangent.energy
+                gradient = tangent.gradient
                 factorisations += 1
                 try:
                     system = self.system(tangent, edge)
@@ -171,7 +171,7 @@ class StepSolver:
             energy, gradient = model.gradient(positions, loads.target, free.reshape(-1, 3))
             if pads is not None and press is not None and pressed is not None:
                 press = pads.press(positions, pressed.follow(press, step), force)
-                energy, gradient = energy + press.energy, gradient + press.gradient.reshape(-1)
+                gradient = gradient + press.gradient.reshape(-1)
             pushes = np.where(edge.driven, 0.0, force)
             pushes[edge.driven] = border[:unknown]
             multipliers = border[unknown:]

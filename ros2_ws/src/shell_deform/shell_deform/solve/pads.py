@@ -15,7 +15,6 @@ def pressed_tangent(tangent: Tangent, pads: PadField, press: Press) -> Tangent:
     add_point_blocks(pads.shell, press.stiffness, data)
     return replace(
         tangent,
-        energy=tangent.energy + press.energy,
         gradient=tangent.gradient + press.gradient.reshape(-1),
         stiffness=pads.shell.pattern.matrix(data),
         pad_rows=press.rows,

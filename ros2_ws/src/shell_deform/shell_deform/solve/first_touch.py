@@ -1,0 +1,53 @@
+"""Where contacts only touch: the zero of every depth that a gauge or a user counts."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.contact.loads import ContactPatch
+from shell_deform.contact.pads import gap
+from shell_deform.solve.equilibrium import Equilibrium, forced
+from shell_deform.solve.newton import EquilibriumSolver
+
+Array = NDArray[np.float64]
+
+# Steps of Newton's method on the depth of a pad; its gap is convex and nearly linear.
+STEPS = 20
+
+
+class FirstTouchError(ValueError):
+    """The object alone, without any contact, finds no equilibrium."""
+
+
+def first_touch(
+    solver: EquilibriumSolver, contacts: tuple[ContactPatch, ...]
+) -> tuple[Equilibrium, Array]:
+    """The object as it is before anything touches it, and the depth (k,) [m] of first touch.
+
+    A blown-up object is larger than its undeformed surface, from which contacts count: that
+    difference is the depth at which a pin's centre has not moved yet and a pad touches the first
+    point. Raises FirstTouchError where the gas alone leaves no equilibrium.
+    """
+    model = solver.model
+    alone = solver.rest()
+    if alone.gas_pressure or model.pressure:
+        alone = solver.solve(forced((), []))
+    if not alone.converged:
+        raise FirstTouchError(f'the object under its own gas: {alone.message}')
+    points = model.shell.value_matrix() @ alone.positions
+    wall = 0.5 * model.shell.thickness
+    moved = alone.positions - model.rest
+    depth = np.zeros(len(contacts))
+    for k, contact in enumerate(contacts):
+        if contact.pad is None:
+            depth[k] = float(np.sum(contact.displacement_row() * moved))
+            continue
+        for _ in range(STEPS):
+            there = gap(contact.pad, float(depth[k]), points)
+            nearest = int(np.argmin(there.value - wall))
+            step = (there.value - wall)[nearest] / max(there.normal[nearest] @ contact.axis, 0.1)
+            depth[k] += step
+            if abs(step) < 1e-12 * contact.radius:
+                break
+    return alone, depth

@@ -1,0 +1,135 @@
+"""Pads on every kind of surface: triangles fit the place, depth counts from first touch."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from shell_deform.building import build_model, object_contacts
+from shell_deform.objects import ObjectError
+from shell_deform.objects.local_radius import local_radius
+from shell_deform.objects.object_mesh import middle_surface, object_mesh
+from shell_deform.objects.shell_object import (
+    Contact,
+    Cylinder,
+    Ellipsoid,
+    Gas,
+    HeightField,
+    MeshFile,
+    Revolution,
+    ShellObject,
+    Sphere,
+)
+from shell_deform.solve.equilibrium import displaced, forced
+from shell_deform.solve.first_touch import first_touch
+from shell_deform.solve.newton import EquilibriumSolver
+
+WIDE, LONG, SHELL = 22e-3, 28.5e-3, 0.36e-3
+ENDS = ((0.0, 0.0, LONG), (0.0, 0.0, -LONG))
+SIDES = ((WIDE, 0.0, 0.0), (-WIDE, 0.0, 0.0))
+
+
+def egg(kind, folder, places):
+    if kind == 'ellipsoid':
+        surface = Ellipsoid((2 * WIDE, 2 * WIDE, 2 * LONG))
+    elif kind == 'revolution':
+        angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 81)
+        profile = np.column_stack([WIDE * np.cos(angle), LONG * np.sin(angle)])
+        profile[[0, -1], 0] = 0.0
+        surface = Revolution(tuple(map(tuple, profile.tolist())))
+    else:
+        ball = trimesh.creation.icosphere(5)
+        file = folder / 'egg.ply'
+        trimesh.Trimesh(1e3 * ball.vertices * [WIDE, WIDE, LONG], ball.faces).export(file)
+        surface = MeshFile(file, 'mm', 'outer')
+    contacts = tuple(Contact(at, 12e-3, 'pad') for at in places)
+    return ShellObject('egg', surface, SHELL, 32e9, 0.3, contacts=contacts)
+
+
+def depths(shell_object, forces, **mesh):
+    model = build_model(shell_object, **mesh)
+    contacts = object_contacts(shell_object, model)
+    solver = EquilibriumSolver(model)
+    cases = [forced(contacts, [force, force]) for force in forces]
+    states = solver.sweep(cases)
+    assert all(state.converged for state in states)
+    touch = first_touch(solver, contacts)[1]
+    return np.array([state.displacement.sum() - touch.sum() for state in states])
+
+
+@pytest.mark.parametrize('places', [ENDS, SIDES], ids=['end-on', 'sideways'])
+@pytest.mark.parametrize('kind', ['revolution', 'mesh'])
+def test_an_egg_is_as_stiff_however_it_is_described(kind, places, tmp_path):
+    fine = depths(
+        egg('ellipsoid', tmp_path, places), [15.0, 45.0], control_vertices=2500, refine_radius=3e-4
+    )
+    np.testing.assert_allclose(depths(egg(kind, tmp_path, places), [15.0, 45.0]), fine, rtol=0.03)
+
+
+def test_the_radius_of_a_place_is_its_smallest_one(tmp_path):
+    end, side = WIDE**2 / LONG, WIDE
+    for kind in ('ellipsoid', 'revolution', 'mesh'):
+        middle = middle_surface(egg(kind, tmp_path, ()))
+        for place, radius in ((ENDS[0], end), (SIDES[0], side)):
+            found = local_radius(middle, np.array(place), 2e-3)
+            np.testing.assert_allclose(found, radius - 0.5 * SHELL, rtol=0.05)
+
+
+def test_a_plane_is_round_nowhere(tmp_path):
+    np.save(tmp_path / 'flat.npy', np.zeros((9, 9)))
+    plate = ShellObject('plate', HeightField(tmp_path / 'flat.npy', 0.01), 1e-3, 1e9, 0.3)
+    assert local_radius(middle_surface(plate), np.zeros(3), 5e-3) > 1e3
+
+
+@pytest.mark.parametrize('at', [(0.0, 0.0175, 0.0), (0.0175, 0.0, 0.01)])
+def test_triangles_under_a_pad_are_small_also_where_drawing_them_together_cannot_reach(at):
+    tube = ShellObject(
+        'tube', Cylinder(0.035, 0.1, 'open'), 1e-4, 1e9, 0.3, contacts=(Contact(at, 0.01, 'pad'),)
+    )
+    mesh = object_mesh(tube)
+    ends = mesh.vertices[mesh.edges]
+    near = np.linalg.norm(ends.mean(axis=1) - at, axis=1) < 1e-3
+    wanted = 0.25 * np.sqrt(0.0175 * 1e-4)
+    assert np.linalg.norm(ends[near, 0] - ends[near, 1], axis=1).max() < 1.5 * wanted
+
+
+@pytest.mark.parametrize('kind', ['pin', 'pad'])
+def test_a_contact_off_the_object_is_refused_by_number(kind):
+    ball = ShellObject(
+        'ball', Sphere(0.06), 2e-3, 1e6, 0.4,
+        contacts=(Contact((0, 0, 0.03), 2e-3, kind), Contact((0, 0, -0.3), 2e-3, kind)),
+    )  # fmt: skip
+    with pytest.raises(ObjectError, match=r'contact 2, at_m \[0, 0, -0.3\], is 0.27 m away'):
+        object_contacts(ball, build_model(ball))
+
+
+@pytest.mark.parametrize('kind', ['pin', 'pad'])
+def test_depth_counts_from_the_first_touch_of_a_blown_up_ball(kind):
+    ball = ShellObject(
+        'ball', Sphere(0.06), 3.5e-3, 19e6, 0.49, gas=Gas('sealed', 83e3),
+        contacts=tuple(Contact((0, 0, z), 4e-3, kind) for z in (0.03, -0.03)),
+    )  # fmt: skip
+    model = build_model(ball)
+    contacts = object_contacts(ball, model)
+    solver = EquilibriumSolver(model)
+    alone, touch = first_touch(solver, contacts)
+    assert np.all(touch < -0.1e-3)
+    resting = solver.solve(displaced(contacts, touch), alone)
+    np.testing.assert_allclose(resting.force, 0.0, atol=1e-6)
+    pressed = solver.solve(displaced(contacts, touch + 1e-5), resting)
+    assert np.all(pressed.force > 0.01)
+
+
+def test_energy_is_that_of_strain_and_gas_however_pads_are_driven():
+    ball = ShellObject(
+        'ball', Sphere(0.0402), 4e-4, 2.2e9, 0.35,
+        contacts=tuple(Contact((0, 0, z), 0.012, 'pad') for z in (0.0201, -0.0201)),
+    )  # fmt: skip
+    model = build_model(ball)
+    contacts = object_contacts(ball, model)
+    solver = EquilibriumSolver(model)
+    by_depth = solver.solve(displaced(contacts, [2e-4, 2e-4]))
+    by_force = solver.solve(forced(contacts, by_depth.force))
+    np.testing.assert_allclose(by_force.energy, by_depth.energy, rtol=1e-4)
+    np.testing.assert_allclose(
+        by_depth.energy, model.shell.energy('koiter', by_depth.positions), rtol=1e-9
+    )

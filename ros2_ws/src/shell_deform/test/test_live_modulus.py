@@ -1,7 +1,5 @@
 """Young's modulus learned while the object is squeezed."""
 
-from dataclasses import replace
-
 import live_hand
 import numpy as np
 import pytest
@@ -110,6 +108,6 @@ def test_a_wild_sample_is_left_out(curve, pipe):
     squeeze(pipe, modulus, curve.force(DEPTHS, start), np.random.default_rng(5))
     before = modulus.estimate
     estimator = pipe.estimator
-    wild = replace(estimator.measured, push=estimator.measured.push + 20.0)
+    wild = estimator.measured._replace(push=estimator.measured.push + 20.0)
     assert not modulus.update(estimator.adopted.response, estimator.posterior.inputs, wild)
     assert modulus.estimate == before

@@ -1,14 +1,13 @@
 """The tick: fusion of force and motion, the served field, and their compiled forms."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shell_deform.live.tick import fusion
-from shell_deform.live.tick.fusion import ErrorModel, Measured, Response, fuse, fuse_numpy
+from shell_deform.live.tick import fusion, fusion_plain
+from shell_deform.live.tick.fusion import ErrorModel, fuse
+from shell_deform.live.tick.fusion_types import Measured, Response, Widths
 from shell_deform.live.tick.sample import FLAG_CONTACT, FLAG_SATURATED
 from shell_deform.live.tick.serve_kernel import serve, serve_numpy
 
@@ -49,7 +48,7 @@ def measured(push, travel, k=2, **changes):
         tangential=np.zeros(2 * k),
         sigma_tangential=np.full(2 * k, np.inf),
     )
-    return replace(values, **changes)
+    return values._replace(**changes)
 
 
 @settings(max_examples=60, deadline=None)
@@ -62,6 +61,11 @@ def measured(push, travel, k=2, **changes):
     tangential=st.booleans(),
 )
 def test_the_compiled_fusion_equals_the_plain_one(seed, k, r, drive, flags, tangential):
+    def plainly(*arguments):
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(fusion, 'least_squares', fusion_plain.least_squares)
+            return fuse(*arguments)
+
     random = np.random.default_rng(seed)
     errors = ErrorModel(drive=drive, tendon=1e-4)
     data = measured(random.uniform(0, 9, k), random.uniform(0, 9e-3, k), k)
@@ -71,7 +75,7 @@ def test_the_compiled_fusion_equals_the_plain_one(seed, k, r, drive, flags, tang
     if tangential:
         data.sigma_tangential[:] = 0.1
     fast = fuse(errors, response(k, r, seed), data)
-    plain = fuse_numpy(errors, response(k, r, seed), data)
+    plain = plainly(errors, response(k, r, seed), data)
     assert fast.inputs == pytest.approx(plain.inputs, rel=1e-6, abs=1e-9)
     covariance = plain.root @ plain.root.T
     size = np.sqrt(np.diag(covariance))
@@ -79,6 +83,11 @@ def test_the_compiled_fusion_equals_the_plain_one(seed, k, r, drive, flags, tang
     assert error.max() < 1e-6
     assert fast.contradiction == pytest.approx(plain.contradiction, rel=1e-6, abs=1e-9)
     assert fast.suspect == plain.suspect
+
+
+def test_every_width_reaches_the_kernel_under_its_own_name():
+    errors = ErrorModel(**{name: 1.0 + i for i, name in enumerate(reversed(Widths._fields))})
+    assert {name: getattr(errors, name) for name in Widths._fields} == errors.widths._asdict()
 
 
 def test_drive_by_force_follows_the_gauges():

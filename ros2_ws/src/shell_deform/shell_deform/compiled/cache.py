@@ -41,6 +41,7 @@ KERNEL_SOURCES = (
     'factor/nested_dissection.py',
     'factor/substitution.py',
     'factor/symbolic.py',
+    'live/tick/fusion_types.py',
     'surface/closest_point_plain.py',
 )
 

@@ -40,6 +40,11 @@ LongRows = types.int64[:, ::1]
 Bools = types.boolean[::1]
 
 
+def named(of: type[tuple[Any, ...]], **kinds: Any) -> Any:
+    """The type of a named tuple, given by the names of its fields, whatever their order."""
+    return types.BaseTuple.from_types([kinds[name] for name in of._fields], of)  # type: ignore[attr-defined]
+
+
 def kernel(
     result: Any, *arguments: Any, called_from_python: bool = False
 ) -> Callable[[Callable[..., Any]], Any]:

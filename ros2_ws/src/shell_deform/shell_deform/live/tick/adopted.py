@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.live.exchange import Slot
 from shell_deform.live.pose import pose_of
-from shell_deform.live.tick.fusion import Measured, Response
+from shell_deform.live.tick.fusion_types import Measured, Response
 from shell_deform.live.tick.linearity import linear_error
 from shell_deform.live.tick.release import rest_response
 
@@ -103,7 +101,7 @@ class Adopted:
         step = measured.travel + self.response.travel_offset - self.response.displacement
         square = float(np.nansum(np.where(measured.present, step * step, 0.0)))
         bent = np.minimum(np.abs(self.push_bend) * square, WIDEST_GAUGE)
-        return replace(measured, sigma_push=np.hypot(measured.sigma_push, bent))
+        return measured._replace(sigma_push=np.hypot(measured.sigma_push, bent))
 
     def _cube(self, step: float) -> float:
         """Third power of a short step [m^3], growing less for one beyond `third_reach`."""

@@ -7,7 +7,7 @@ known of the errors. It allocates only small arrays and never waits.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from shell_deform.live.exchange import Slot
 from shell_deform.live.pose import IDENTITY, Pose
 from shell_deform.live.tick.adopted import Adopted
-from shell_deform.live.tick.fusion import ErrorModel, Measured, Posterior, fuse
+from shell_deform.live.tick.fusion import ErrorModel, Posterior, fuse
+from shell_deform.live.tick.fusion_types import Measured
 from shell_deform.live.tick.linearity import linear_error
 from shell_deform.live.tick.load_request import write_load
 from shell_deform.live.tick.release import measured_displacement, pressing
@@ -247,7 +248,7 @@ class Estimator:
         self, adopted: Adopted, measured: Measured, sample: ContactSample
     ) -> Served:
         """Linear theory from rest, the better tangent here; sigma has what it is known to miss."""
-        known = replace(measured, sigma_tangential=np.full_like(measured.sigma_tangential, np.inf))
+        known = measured._replace(sigma_tangential=np.full_like(measured.sigma_tangential, np.inf))
         found = fuse(self.settings.errors, adopted.at_rest, known)
         self.posterior = self.measured = None
         k = len(adopted.fingers)

@@ -21,7 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.live.tick.fusion import ErrorModel, Measured, Response
+from shell_deform.live.tick.fusion import ErrorModel
+from shell_deform.live.tick.fusion_types import Measured, Response
 from shell_deform.live.tick.sample import FLAG_NO_GAUGE, FLAG_NOT_TARED, FLAG_SATURATED
 
 Array = NDArray[np.float64]

@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.live.tick.fusion import ErrorModel, Measured, Response
+from shell_deform.live.tick.fusion import ErrorModel
+from shell_deform.live.tick.fusion_types import Measured, Response
 from shell_deform.live.tick.sample import FLAG_NO_GAUGE, ContactSample
 
 Array = NDArray[np.float64]

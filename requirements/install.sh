@@ -22,3 +22,4 @@ else
     "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r "$lock"
 fi
 PYTHONWARNINGS=ignore "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --use-pep517 --no-build-isolation --no-deps $*
+"$venv/bin/python" "$(dirname "$0")/build_interfaces.py"

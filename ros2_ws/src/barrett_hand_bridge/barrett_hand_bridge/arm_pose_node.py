@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import qos_profile_sensor_data
@@ -31,6 +32,7 @@ class ArmPose:
         node: LifecycleNode,
         values: Mapping[str, Any],
         tell_gravity: Callable[[Array], None],
+        tell_pose: Callable[[str, Array, int], None],
     ) -> None:
         """Listen to `arm/pose` or `arm/joint_states`, as parameter `arm` says.
 
@@ -40,6 +42,7 @@ class ArmPose:
         self._node = node
         self._values = values
         self._tell_gravity = tell_gravity
+        self._tell_pose = tell_pose
         self._mount = pose_from_numbers(values['hand_mount'])
         self._publisher = node.create_publisher(PoseStamped, 'hand_pose', 10)
         self._subscription = (
@@ -85,6 +88,9 @@ class ArmPose:
     def _publish(self, flange: Pose, stamp_ns: int, frame: str) -> None:
         hand = flange.then(self._mount)
         self._tell_gravity(gravity_in_hand(hand))
+        place = np.eye(4)
+        place[:3, :3], place[:3, 3] = hand.rotation, hand.position
+        self._tell_pose(frame, place, stamp_ns)
         self._publisher.publish(
             messages.pose_message(hand.position, quaternion_of(hand.rotation), stamp_ns, frame)
         )

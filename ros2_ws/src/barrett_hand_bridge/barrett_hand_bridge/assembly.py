@@ -151,10 +151,10 @@ def make_observer(values: Values, calibration: HandCalibration, facts: HandFacts
     )
 
 
-def close_settings(values: Values) -> CloseSettings:
-    """How `hand/close` closes."""
+def close_settings(values: Values, force_n: float | None = None) -> CloseSettings:
+    """How `hand/close` closes, or something else with a force of its own."""
     return CloseSettings(
-        force_n=values['close_force'],
+        force_n=values['close_force'] if force_n is None else force_n,
         torque_limit_nm=values['torque_limit'],
         approach_rad_s=values['approach_speed'],
         squeeze_rad_s=values['squeeze_speed'],

@@ -21,8 +21,10 @@ from rclpy.parameter import Parameter
 from rclpy.utilities import remove_ros_args
 
 from barrett_hand_bridge import assembly, messages, parameters
+from barrett_hand_bridge.actions_node import HandActions
 from barrett_hand_bridge.arm_pose_node import ArmPose
 from barrett_hand_bridge.calibration import CalibrationError, HandCalibration
+from barrett_hand_bridge.description_node import HandDescription
 from barrett_hand_bridge.hand import HandError, HandFacts, HandSample
 from barrett_hand_bridge.hand_services_node import HandServices
 from barrett_hand_bridge.hand_topics_node import HandTopics
@@ -120,10 +122,19 @@ class HandBridge(LifecycleNode):
         self._hand_services = HandServices(
             self, worker, self._health, values=self.values, active=lambda: self._active
         )
+        self._hand_actions = HandActions(
+            self,
+            worker,
+            self._health,
+            values=self.values,
+            latest=lambda: self._latest,
+            active=lambda: self._active,
+        )
+        self._description = HandDescription(self, self._values)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics_timer = self.create_timer(1.0, self._on_diagnostics, clock=steady)
         if self._values['arm'] != 'none':
-            self._arm = ArmPose(self, self._values, self._on_gravity)
+            self._arm = ArmPose(self, self._values, self._on_gravity, self._description.hand)
         self._poll_timer = None
         if self._values['poll_period'] > 0.0:
             self._poll_timer = self.create_timer(self._values['poll_period'], worker.tick)
@@ -149,6 +160,8 @@ class HandBridge(LifecycleNode):
         self._release()
         self._topics.end()
         self._hand_services.end()
+        self._hand_actions.end()
+        self._description.end()
         arm, self._arm = self._arm, None
         if arm is not None:
             arm.end()
@@ -291,7 +304,8 @@ class HandBridge(LifecycleNode):
             return
         self._topics.contacts(event.observation)
         self._health.delays.add((time.monotonic_ns() - event.complete_ns) * 1e-9)
-        self._topics.states(event.observation)
+        if self._topics.states(event.observation):
+            self._description.links(event.observation)
 
     def _on_stale(self) -> None:
         """Say at once that the last contacts are no longer true."""

@@ -75,11 +75,14 @@ class HandTopics:
             )
         )
 
-    def states(self, observation: Observation) -> None:
-        """Joint states, wrenches and counts, not faster than parameter `state_rate`."""
+    def states(self, observation: Observation) -> bool:
+        """Joint states, wrenches and counts, not faster than parameter `state_rate`.
+
+        Returns whether it was their turn.
+        """
         stamp = observation.stamp_ns
         if 0 < stamp - self._states_ns < 0.95e9 / self._values['state_rate']:
-            return
+            return False
         self._states_ns = stamp
         readings = observation.fingers
         torques = {finger: readings[finger].torque_nm for finger in FINGERS}
@@ -95,6 +98,7 @@ class HandTopics:
             )
             counts = math.nan if reading.gauge_counts is None else reading.gauge_counts
             self._counts[finger].publish(messages.number_message(counts))
+        return True
 
     def diagnostics(
         self,

@@ -5,22 +5,24 @@ from __future__ import annotations
 import array
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped, WrenchStamped
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from sensor_msgs.msg import JointState, PointCloud2, PointField
 from std_msgs.msg import Float64, Header
 from trajectory_msgs.msg import JointTrajectory
 
+from barrett_hand_bridge.arm import quaternion_of
 from barrett_hand_bridge.contacts import Contact
 from barrett_hand_bridge.hand import FINGERS, SPREAD
 from barrett_hand_bridge.health import Level
 from barrett_hand_bridge.kinematics import Array, JointAngles, cross
-from barrett_hand_bridge.motion import MotionError, TrajectoryPoint
-from barrett_hand_bridge.observer import FingerReading
+from barrett_hand_bridge.motion import Following, MotionError, TrajectoryPoint, joint_position
+from barrett_hand_bridge.observer import FingerReading, Observation
 from barrett_hand_bridge.parameters import Parameter
 
 CONTACT_TYPE = np.dtype(
@@ -44,6 +46,8 @@ _LEVELS = {
     Level.ERROR: DiagnosticStatus.ERROR,
     Level.STALE: DiagnosticStatus.STALE,
 }
+# What parameter close_force allows.
+MOST_FORCE_N = 25.0
 _FIELD_TYPES = {'f': PointField.FLOAT32, 'u': PointField.UINT8}
 
 
@@ -134,6 +138,68 @@ def wrench_message(reading: FingerReading, stamp_ns: int, frame: str) -> WrenchS
     return message
 
 
+def transform_message(place: Array, parent: str, child: str, stamp_ns: int) -> TransformStamped:
+    """A transform (4, 4) from one frame to the one it hangs on."""
+    message = TransformStamped(header=header(stamp_ns, parent), child_frame_id=child)
+    t, q = message.transform.translation, message.transform.rotation
+    t.x, t.y, t.z = map(float, place[:3, 3])
+    q.x, q.y, q.z, q.w = map(float, quaternion_of(place[:3, :3]))
+    return message
+
+
+def tolerances(request: Any, names: Sequence[str]) -> tuple[dict[int, float], float, float]:
+    """Path tolerance per motor, one goal tolerance for all (rad), and the time after the end (s).
+
+    Zeros and missing ones stand for the defaults, as control_msgs has it.
+
+    Raises:
+        MotionError: a joint that cannot be commanded, or a tolerance below zero.
+    """
+    motors = _motors(names)
+    for one in (*request.path_tolerance, *request.goal_tolerance):
+        if one.name not in motors or not 0.0 <= one.position < math.inf:
+            raise MotionError(f'tolerance {one.position} of joint {one.name!r} cannot be used')
+    path = {motors[one.name]: float(one.position) for one in request.path_tolerance}
+    goal = [float(one.position) for one in request.goal_tolerance if one.position > 0.0]
+    after = request.goal_time_tolerance
+    seconds = float(after.sec) + 1e-9 * float(after.nanosec)
+    if seconds < 0.0:
+        raise MotionError(f'goal_time_tolerance is {seconds} s')
+    return {motor: one for motor, one in path.items() if one}, min(goal, default=0.0), seconds
+
+
+def trajectory_feedback(observation: Observation, motion: Following, names: Sequence[str]) -> Any:
+    """Where each joint of a trajectory should be, where it is, and the difference."""
+    from control_msgs.action import FollowJointTrajectory
+
+    joints = {motor: name for name, motor in _motors(names).items()}
+    feedback = FollowJointTrajectory.Feedback(header=header(observation.stamp_ns, ''))
+    actual = {motor: joint_position(observation, motor) for motor in motion.motors}
+    desired = motion.desired or actual
+    feedback.joint_names = [joints[motor] for motor in motion.motors]
+    feedback.desired.positions = array.array('d', [desired[m] for m in motion.motors])
+    feedback.actual.positions = array.array('d', [actual[m] for m in motion.motors])
+    feedback.error.positions = array.array('d', [desired[m] - actual[m] for m in motion.motors])
+    return feedback
+
+
+def wanted_force(command: Any) -> float | None:
+    """The force of a gripper command in N; None where it leaves it open (0).
+
+    Raises:
+        MotionError: a force that no finger makes.
+    """
+    force = float(command.max_effort)
+    if not 0.0 <= force <= MOST_FORCE_N:
+        raise MotionError(f'max_effort is {force} N, must be 0 to {MOST_FORCE_N:g}')
+    return force or None
+
+
+def _motors(names: Sequence[str]) -> dict[str, int]:
+    """Motors by the names of the joints that can be commanded."""
+    return {names[0]: SPREAD, names[1]: 1, names[3]: 2, names[5]: 3}
+
+
 def number_message(value: float) -> Float64:
     """A plain number."""
     return Float64(data=float(value))
@@ -174,7 +240,7 @@ def trajectory_points(message: JointTrajectory, names: Sequence[str]) -> list[Tr
         MotionError: an unknown joint, an outer joint (it follows the inner one), or a point with
             another number of positions than joints.
     """
-    motors = {names[0]: SPREAD, names[1]: 1, names[3]: 2, names[5]: 3}
+    motors = _motors(names)
     unknown = [name for name in message.joint_names if name not in motors]
     if unknown or not message.joint_names:
         allowed = ', '.join(motors)

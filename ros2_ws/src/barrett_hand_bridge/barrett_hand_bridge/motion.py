@@ -18,6 +18,8 @@ from barrett_hand_bridge.observer import Observation
 FINGER_TRAVEL_RAD = math.radians(140.0)
 AT_REST_RAD = math.radians(0.05)
 STALL_S = 1.0
+# More than the fingers reach.
+WIDEST_GAP_M = 0.4
 # From the command to stand until the force is read: prefetched cycles obey one cycle later.
 SETTLE_S = 0.15
 LIMIT_OVER_FORCE = 1.15
@@ -136,7 +138,7 @@ class Closing:
 
     def __init__(self, fingers: Sequence[int], settings: CloseSettings) -> None:
         """Close `fingers` together."""
-        self._fingers = tuple(fingers)
+        self.fingers = tuple(fingers)
         self._settings = settings
         self._arrived: set[int] = set()
         self._standing_s: float | None = None
@@ -146,7 +148,7 @@ class Closing:
         """See `Motion`."""
         s = self._settings
         touching = False
-        for finger in self._fingers:
+        for finger in self.fingers:
             reading = observation.fingers[finger]
             flags = reading.contact.flags
             if flags & (FLAG_NO_GAUGE | FLAG_NOT_TARED | FLAG_FAULT):
@@ -163,7 +165,7 @@ class Closing:
             if force >= s.force_n:
                 self._arrived.add(finger)
             touching = touching or bool(flags & FLAG_CONTACT)
-        left = [finger for finger in self._fingers if finger not in self._arrived]
+        left = [finger for finger in self.fingers if finger not in self._arrived]
         if not left:
             # What the gauge shows when the motors stand is the answer: a late process overshoots.
             if self._standing_s is None:
@@ -171,7 +173,7 @@ class Closing:
             if time_s - self._standing_s < SETTLE_S:
                 return {}
             return MotionResult(
-                True, f'closed, {self._forces(observation)}; {s.force_n:g} N were asked for'
+                True, f'closed, {self._told(observation)}; {s.force_n:g} N were asked for'
             )
         ended = [
             f for f in left if joint_position(observation, f) > FINGER_TRAVEL_RAD - AT_REST_RAD
@@ -181,13 +183,13 @@ class Closing:
             return MotionResult(
                 False,
                 f'finger {names} does not close further, {s.force_n:g} N not reached: '
-                f'{self._forces(observation)}',
+                f'{self._told(observation)}',
             )
         return dict.fromkeys(left, s.squeeze_rad_s if touching else s.approach_rad_s)
 
     def limit_nm(self, observation: Observation) -> float:
         """See `Motion`: a little above the wanted force, should this process be late."""
-        arm = max(observation.fingers[finger].arm_m for finger in self._fingers)
+        arm = max(observation.fingers[finger].arm_m for finger in self.fingers)
         wanted = LIMIT_OVER_FORCE * self._settings.force_n * max(arm, 0.0) + WEIGHT_NM
         return min(wanted, self._settings.torque_limit_nm)
 
@@ -196,13 +198,66 @@ class Closing:
         s = self._settings
         return {'approach_speed': s.approach_rad_s, 'squeeze_speed': s.squeeze_rad_s}
 
-    def _forces(self, observation: Observation) -> str:
-        """What the gauges say now, per finger."""
-        contacts = {finger: observation.fingers[finger].contact for finger in self._fingers}
-        return ', '.join(
-            f'finger {finger} {float(contact.force @ contact.normal):.2f} N'
-            for finger, contact in contacts.items()
-        )
+    def forces(self, observation: Observation) -> dict[int, float]:
+        """What the gauges say now in N, by finger."""
+        contacts = {finger: observation.fingers[finger].contact for finger in self.fingers}
+        return {
+            finger: float(contact.force @ contact.normal) for finger, contact in contacts.items()
+        }
+
+    def _told(self, observation: Observation) -> str:
+        forces = self.forces(observation)
+        return ', '.join(f'finger {finger} {force:.2f} N' for finger, force in forces.items())
+
+
+class ToGap:
+    """Bring the pins of two fingers to a distance: closing ends at a force at the latest."""
+
+    def __init__(self, gap_m: float, closing: Closing, opening: Opening) -> None:
+        """`closing` names the two fingers.
+
+        Raises:
+            MotionError: no distance, or other than two fingers.
+        """
+        if not 0.0 <= gap_m <= WIDEST_GAP_M:
+            raise MotionError(f'gap is {gap_m} m, must be 0 to {WIDEST_GAP_M:g}')
+        if len(closing.fingers) != 2:
+            raise MotionError('parameter close_fingers names other than two fingers')
+        self._gap_m = gap_m
+        self._closing, self._opening = closing, opening
+        self._closes: bool | None = None
+        self.reached = self.stalled = False
+
+    def gap_m(self, observation: Observation) -> float:
+        """Distance between the ends of the two pins in m."""
+        first, second = (observation.fingers[f].contact.point for f in self._closing.fingers)
+        return float(math.dist(first, second))
+
+    def force_n(self, observation: Observation) -> float:
+        """The larger of the two forces in N."""
+        return max(self._closing.forces(observation).values())
+
+    def step(self, observation: Observation, time_s: float) -> Mapping[int, float] | MotionResult:
+        """See `Motion`."""
+        gap = self.gap_m(observation)
+        if self._closes is None:
+            self._closes = gap > self._gap_m
+        if gap <= self._gap_m if self._closes else gap >= self._gap_m:
+            self.reached = True
+            return MotionResult(True, f'the pins stand {1e3 * gap:.1f} mm apart')
+        inner = self._closing if self._closes else self._opening
+        step = inner.step(observation, time_s)
+        if isinstance(step, MotionResult):
+            self.stalled = step.done and self._closes
+        return step
+
+    def limit_nm(self, observation: Observation) -> float:
+        """See `Motion`."""
+        return self._closing.limit_nm(observation)
+
+    def speeds(self) -> Mapping[str, float]:
+        """See `Motion`."""
+        return {**self._closing.speeds(), **self._opening.speeds()}
 
 
 @dataclass(frozen=True)
@@ -225,15 +280,21 @@ class Following:
         gain_per_s: float = 10.0,
         tolerance_rad: float = math.radians(0.3),
         patience_s: float = 3.0,
+        path_tolerance_rad: Mapping[int, float] | None = None,
     ) -> None:
         """Check the whole trajectory before anything moves.
+
+        `path_tolerance_rad`: how far a motor may be off on its way; more ends the motion.
 
         Raises:
             MotionError: no points, times that do not rise, angles out of reach, or too fast.
         """
         _check_points(points, fastest_rad_s)
         self._points = tuple(points)
-        self._motors = tuple(sorted(points[0].positions))
+        self.motors = tuple(sorted(points[0].positions))
+        self.desired: dict[int, float] = {}
+        self.missed_its_goal = False
+        self._path_tolerance = dict(path_tolerance_rad or {})
         self._fastest = fastest_rad_s
         self._torque_limit = torque_limit_nm
         self._gain = gain_per_s
@@ -244,7 +305,7 @@ class Following:
 
     def step(self, observation: Observation, time_s: float) -> Mapping[int, float] | MotionResult:
         """See `Motion`."""
-        position = {motor: joint_position(observation, motor) for motor in self._motors}
+        position = {motor: joint_position(observation, motor) for motor in self.motors}
         if self._start is None:
             self._start, self._start_s = TrajectoryPoint(0.0, position), time_s
             worst = self._fastest_start(position)
@@ -252,7 +313,7 @@ class Following:
                 return MotionResult(False, worst)
         for finger in FINGERS:
             torque = observation.fingers[finger].torque_nm
-            if finger in self._motors and abs(torque) > self._torque_limit:
+            if finger in self.motors and abs(torque) > self._torque_limit:
                 return MotionResult(
                     False,
                     f'finger {finger} met {torque:.2f} N m, the limit is '
@@ -260,11 +321,20 @@ class Following:
                 )
         elapsed = time_s - self._start_s
         target, speed = self._reference(elapsed)
-        errors = {motor: target[motor] - position[motor] for motor in self._motors}
+        self.desired = target
+        errors = {motor: target[motor] - position[motor] for motor in self.motors}
+        for motor, most in self._path_tolerance.items():
+            if abs(errors.get(motor, 0.0)) > most:
+                return MotionResult(
+                    False,
+                    f'motor {motor} is {math.degrees(errors[motor]):.2f} degrees off its path, '
+                    f'{math.degrees(most):.2f} are allowed',
+                )
         last = self._points[-1].time_s
         if elapsed >= last and all(abs(error) < self._tolerance for error in errors.values()):
             return MotionResult(True, 'trajectory followed')
         if elapsed > last + self._patience_s:
+            self.missed_its_goal = True
             worst_motor = max(errors, key=lambda motor: abs(errors[motor]))
             return MotionResult(
                 False,
@@ -276,7 +346,7 @@ class Following:
                 max(speed[motor] + self._gain * errors[motor], -1.5 * self._fastest),
                 1.5 * self._fastest,
             )
-            for motor in self._motors
+            for motor in self.motors
         }
 
     def limit_nm(self, observation: Observation) -> float:
@@ -289,7 +359,7 @@ class Following:
 
     def _fastest_start(self, position: Mapping[int, float]) -> str | None:
         first = self._points[0]
-        for motor in self._motors:
+        for motor in self.motors:
             way = abs(first.positions[motor] - position[motor])
             if way > AT_REST_RAD * 10 and way > self._fastest * max(first.time_s, 1e-9):
                 return (
@@ -307,14 +377,12 @@ class Following:
                 span = point.time_s - before.time_s
                 target = {
                     m: before.positions[m] + share * (point.positions[m] - before.positions[m])
-                    for m in self._motors
+                    for m in self.motors
                 }
-                speed = {
-                    m: (point.positions[m] - before.positions[m]) / span for m in self._motors
-                }
+                speed = {m: (point.positions[m] - before.positions[m]) / span for m in self.motors}
                 return target, speed
             before = point
-        return dict(before.positions), dict.fromkeys(self._motors, 0.0)
+        return dict(before.positions), dict.fromkeys(self.motors, 0.0)
 
 
 def _check_points(points: Sequence[TrajectoryPoint], fastest_rad_s: float) -> None:

@@ -119,6 +119,17 @@ PARAMETERS: tuple[Parameter, ...] = (
     ),
     Parameter('hand_frame', 'hand_base', 'frame of contacts: the palm of the hand'),
     Parameter(
+        'link_prefix',
+        '',
+        'before the names of the links between them in robot_description and TF',
+    ),
+    Parameter(
+        'publish_tf',
+        True,
+        'publish TF of the fingers (and of the hand, with arm); false beside a '
+        'robot_state_publisher',
+    ),
+    Parameter(
         'tip_frames',
         ['finger_1_tip', 'finger_2_tip', 'finger_3_tip'],
         'frames of the three wrenches',

@@ -1,6 +1,7 @@
 """The node as a process, on an emulated hand as another: topics, services, losses, exit codes."""
 
 import contextlib
+import importlib.util
 import json
 import os
 import re
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
+from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
@@ -18,10 +20,10 @@ from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, PointCloud2
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -458,3 +460,111 @@ def test_a_stop_guard_that_is_killed_is_started_again_and_told_of(start, listene
     listener.until(restarted, 10.0)
     second = children(node.process.pid, 'stop_guard')
     assert len(second) == 1 and second != first
+
+
+def installed(package):
+    return importlib.util.find_spec(package) is not None
+
+
+def test_the_hand_describes_itself_and_says_what_it_does_not_offer(start, listener, calibration):
+    port, _ = emulated(start, '--unpaced')
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    described = []
+    listener.node.create_subscription(String, 'robot_description', described.append, latched)
+    node = bridge(
+        start, f'port:={port}', f'calibration:={calibration}', 'link_prefix:=left_',
+        'initialize_on_start:=true',
+    )  # fmt: skip
+    listener.until(lambda: described and listener.contacts)
+    assert '<link name="left_finger_1_knuckle">' in described[0].data
+    assert ('no TF' in node.text) is not installed('tf2_msgs')
+    assert ('no actions' in node.text) is not installed('control_msgs')
+    if not installed('tf2_msgs'):
+        return
+    from tf2_msgs.msg import TFMessage
+
+    transforms = []
+    listener.node.create_subscription(
+        TFMessage, '/tf', lambda message: transforms.append(message.transforms), 10
+    )
+    listener.until(lambda: transforms)
+    pairs = {one.child_frame_id: one.header.frame_id for one in transforms[0]}
+    for finger in (1, 2, 3):
+        frame = f'finger_{finger}_tip'
+        while frame != 'hand_base':
+            frame = pairs[frame]
+
+
+@pytest.mark.timeout(180)
+def test_actions_move_the_hand_with_feedback_and_can_be_cancelled(
+    start, listener, ball, calibration
+):
+    if not installed('control_msgs'):
+        # That the node says so is the test above.
+        return
+    from control_msgs.action import FollowJointTrajectory, GripperCommand
+    from control_msgs.msg import JointTolerance
+    from rclpy.action import ActionClient
+
+    port, _ = emulated(start, '--object', ball)
+    bridge(start, f'port:={port}', f'calibration:={calibration}', 'initialize_on_start:=true')
+    listener.until(lambda: listener.contacts)
+    assert listener.call('hand/tare').success
+    follow = ActionClient(listener.node, FollowJointTrajectory, 'hand/follow_joint_trajectory')
+    grip = ActionClient(listener.node, GripperCommand, 'hand/gripper_command')
+    listener.until(lambda: follow.server_is_ready() and grip.server_is_ready())
+    feedback = []
+
+    def asked(client, goal):
+        sent = client.send_goal_async(goal, feedback_callback=feedback.append)
+        listener.until(sent.done)
+        assert sent.result().accepted
+        return sent.result()
+
+    def ended(handle):
+        result = handle.get_result_async()
+        listener.until(result.done, 60.0)
+        return result.result()
+
+    def trajectory(seconds, *positions):
+        goal = FollowJointTrajectory.Goal()
+        goal.trajectory.joint_names = ['spread', 'finger_1_inner', 'finger_2_inner']
+        goal.trajectory.points = [
+            JointTrajectoryPoint(positions=positions, time_from_start=Duration(sec=seconds))
+        ]
+        return goal
+
+    done = ended(asked(follow, trajectory(3, np.pi / 2, 0.75, 0.75)))
+    assert (done.status, done.result.error_code) == (GoalStatus.STATUS_SUCCEEDED, 0)
+    assert done.result.error_string == 'trajectory followed'
+    assert feedback[-1].feedback.joint_names == ['finger_1_inner', 'finger_2_inner', 'spread']
+    assert feedback[-1].feedback.actual.positions[0] == pytest.approx(0.75, abs=0.1)
+
+    handle = asked(follow, trajectory(30, np.pi / 2, 1.5, 1.5))
+    cancelled = handle.cancel_goal_async()
+    listener.until(cancelled.done)
+    done = ended(handle)
+    assert done.status == GoalStatus.STATUS_CANCELED
+    assert done.result.error_string == 'stopped'
+
+    strict = trajectory(3, np.pi / 2, 0.9, 0.9)
+    strict.path_tolerance = [JointTolerance(name='finger_1_inner', position=1e-6)]
+    done = ended(asked(follow, strict))
+    assert done.status == GoalStatus.STATUS_ABORTED
+    assert done.result.error_code == FollowJointTrajectory.Result.PATH_TOLERANCE_VIOLATED
+    assert 'off its path' in done.result.error_string
+
+    wrong = ended(asked(follow, trajectory(3, np.nan, 0.75, 0.75)))
+    assert wrong.result.error_code == FollowJointTrajectory.Result.INVALID_GOAL
+
+    goal = GripperCommand.Goal()
+    goal.command.max_effort = 6.0
+    held = ended(asked(grip, goal)).result
+    assert held.stalled and not held.reached_goal
+    assert held.effort >= 5.0
+    assert 0.05 < held.position < 0.066
+    goal.command.position = 0.08
+    freed = ended(asked(grip, goal)).result
+    assert freed.reached_goal and freed.position >= 0.08
+    goal.command.position = np.nan
+    assert ended(asked(grip, goal)).status == GoalStatus.STATUS_ABORTED

@@ -1,0 +1,1 @@
+"""The hand as URDF: links, joints and simple meshes after the drawings of the manuals."""

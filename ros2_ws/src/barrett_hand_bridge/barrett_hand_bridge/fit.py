@@ -1,4 +1,9 @@
-"""Fitting a gauge's law to known weights, with what the fit leaves over."""
+"""Fitting a gauge's law to known weights, with what the fit leaves over.
+
+The scatter that is published is for a 90 % interval of a normal distribution: what few weights
+leave over is itself uncertain, so it is widened to that interval of Student's distribution, and it
+is never less than the noise of the weighings, which no fit can have averaged away for sure.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import norm, t
 
 from barrett_hand_bridge.calibration import CalibrationError, GaugeCalibration
 from barrett_hand_bridge.hand import FINGERS
@@ -15,6 +21,8 @@ from barrett_hand_bridge.kinematics import GRAVITY_M_PER_S2, Array
 
 # What weight of the link, drift and temperature may add to an unloaded gauge (N m).
 UNLOADED_NM = 0.1
+# A mean count is one of at least so many readings, whose noise is all that the table tells.
+FEWEST_READINGS = 4
 HEADER = 'finger,mass_kg,arm_m,counts,noise_counts'
 
 
@@ -112,20 +120,18 @@ def fit_gauge(
     span = float(np.ptp(counts))
     if span <= 0.0:
         raise CalibrationError('all weighings show the same count: is the gauge connected?')
+    noise_nm = noise / math.sqrt(FEWEST_READINGS) * float(np.ptp(torque)) / span
     coefficients: tuple[float, ...] = ()
     table_counts: tuple[float, ...] = ()
     table_torque: tuple[float, ...] = ()
     if kind == 'cubic':
-        coefficients, relative = _polynomial(counts, torque, reference, span, degree)
-        freedom = max(len(weighings) - degree - 1, 1)
+        coefficients, scatter, relative = _polynomial(
+            counts, torque, reference, span, degree, noise_nm
+        )
     else:
-        levels = sorted({w.torque_nm for w in weighings})
-        means = [float(counts[torque == level].mean()) for level in levels]
-        if np.any(np.diff(means) <= 0.0):
-            raise CalibrationError('counts do not rise with the torque: check the signs of masses')
-        table_counts, table_torque = tuple(means), tuple(levels)
+        table_counts, table_torque, left = _table(counts, torque)
+        scatter = max(_widened(left, len(left)), noise_nm)
         relative = 1.0 / (math.sqrt(12.0) * span)
-        freedom = max(len(weighings) - len(levels), 1)
     law = GaugeCalibration(
         kind=kind,
         coefficients_nm=coefficients,
@@ -147,7 +153,7 @@ def fit_gauge(
         reference_counts=reference,
         no_load_counts=(reference - wide, reference + wide),
         noise_counts=max(math.sqrt(max(noise**2 - 1.0 / 12.0, 0.0)), 0.0),
-        residual_nm=math.sqrt(sum(r * r for r in residuals) / freedom),
+        residual_nm=scatter,
         relative_sigma=relative,
         valid_torque_nm=float(np.abs(torque).max()),
     )
@@ -159,25 +165,48 @@ def _unclipped(weighing: Weighing, highest_count: int) -> bool:
     return margin <= weighing.counts <= highest_count - margin
 
 
+def _widened(residuals: Array, freedom: int) -> float:
+    """Scatter of residuals whose normal 90 % interval is that of Student's distribution."""
+    scatter = math.sqrt(float(residuals @ residuals) / freedom)
+    return scatter * float(t.ppf(0.95, freedom) / norm.ppf(0.95))
+
+
 def _polynomial(
-    counts: Array, torque: Array, reference: float, span: float, degree: int
-) -> tuple[tuple[float, ...], float]:
-    """Coefficients in powers of the raw count, and the relative sigma at the largest torque."""
+    counts: Array, torque: Array, reference: float, span: float, degree: int, noise_nm: float
+) -> tuple[tuple[float, ...], float, float]:
+    """Coefficients in powers of the raw count, scatter (N m), relative sigma at the largest one.
+
+    The scatter is not less than `noise_nm`, the noise of the weighings.
+    """
     scaled = (counts - reference) / span
     design = np.vander(scaled, degree + 1, increasing=True)
     solution, _, rank, _ = np.linalg.lstsq(design, torque, rcond=None)
     if rank < degree + 1:
         raise CalibrationError('the weights are too alike for this fit: use more different ones')
     left = torque - design @ solution
-    variance = float(left @ left) / max(len(torque) - degree - 1, 1)
-    covariance = variance * np.linalg.inv(design.T @ design)
+    scatter = max(_widened(left, len(torque) - degree - 1), noise_nm)
+    covariance = scatter**2 * np.linalg.inv(design.T @ design)
     largest = int(np.argmax(np.abs(torque)))
     row = design[largest]
     relative = math.sqrt(float(row @ covariance @ row)) / abs(float(torque[largest]))
     law = np.polynomial.Polynomial(solution)(
         np.polynomial.Polynomial([-reference / span, 1 / span])
     )
-    return tuple(float(c) for c in law.coef), relative
+    return tuple(float(c) for c in law.coef), scatter, relative
+
+
+def _table(counts: Array, torque: Array) -> tuple[tuple[float, ...], tuple[float, ...], Array]:
+    """Mean counts and torques of the levels, and how far the inner ones are off their neighbours.
+
+    A table passes through its own weights: only a level left out shows how well it tells others.
+    """
+    levels = np.unique(torque)
+    means = np.array([float(counts[torque == level].mean()) for level in levels])
+    if np.any(np.diff(means) <= 0.0):
+        raise CalibrationError('counts do not rise with the torque: check the signs of masses')
+    share = (means[1:-1] - means[:-2]) / (means[2:] - means[:-2])
+    told = levels[:-2] + share * (levels[2:] - levels[:-2])
+    return tuple(map(float, means)), tuple(map(float, levels)), told - levels[1:-1]
 
 
 def fit_hand(

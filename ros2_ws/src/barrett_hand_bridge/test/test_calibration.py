@@ -95,6 +95,64 @@ def test_clipped_weighings_are_left_out_of_the_fit():
     assert fit.gauge.torque(200.0, 140.0) == pytest.approx(0.5, abs=1e-3)
 
 
+def session(generator, count, noise=0.5):
+    """Weighings of a gauge drawn at random, each mean with an error as large as the noise."""
+    gain, zero = generator.uniform(90, 110), generator.uniform(100, 140)
+    cubic = generator.uniform(-2, 2)
+
+    def law(torque):
+        return zero + gain * torque + cubic * torque**3
+
+    torques = np.linspace(0.0, 1.08, count)
+    return law, [
+        Weighing(float(t), float(law(t) + noise * generator.standard_normal()), noise)
+        for t in torques
+    ]
+
+
+@pytest.mark.parametrize('kind', ['cubic', 'table'])
+@pytest.mark.parametrize('count', [5, 6, 9])
+def test_the_sigma_of_few_weights_holds_its_90_percent_level(kind, count):
+    generator = np.random.default_rng([881, count])
+    within = []
+    for _ in range(400):
+        law, weighed = session(generator, count)
+        try:
+            gauge = fit_gauge(weighed, kind=kind).gauge
+        except CalibrationError:
+            continue
+        torque = float(generator.uniform(0.05, 1.05))
+        error = gauge.torque(law(torque), law(0.0)) - torque
+        sigma = np.hypot(gauge.residual_nm, gauge.relative_sigma * torque)
+        within.append(abs(error) <= 1.6449 * sigma)
+    assert len(within) > 380
+    # 400 draws scatter by 1.5 %.
+    assert 0.85 <= np.mean(within) <= 0.95
+
+
+def test_one_degree_of_freedom_is_widened_to_its_90_percent_interval():
+    off = np.array([0.0, 1.0, -1.0, 1.0, -1.0])
+    laws = [
+        Weighing(t, 120 + 100 * t + 5 * d, 0.0) for t, d in zip(np.arange(5) / 5, off, strict=True)
+    ]
+    fit = fit_gauge(laws)
+    plain = np.sqrt(np.sum(np.square(fit.residuals_nm)) / 1)
+    assert fit.gauge.residual_nm == pytest.approx(6.314 / 1.645 * plain, rel=1e-3)
+
+
+def test_weights_that_lie_on_the_law_by_chance_are_no_better_than_their_noise():
+    fit = fit_gauge(weighings(lambda t: 120 + 100 * t, noise=0.6))
+    assert fit.gauge.residual_nm == pytest.approx(0.5 * 0.6 / 100)
+
+
+def test_a_table_tells_from_its_left_out_weights_how_well_it_tells():
+    bent = fit_gauge(weighings(lambda t: 120 + 100 * t + 20 * t**2, noise=0.0), kind='table')
+    straight = fit_gauge(weighings(lambda t: 120 + 100 * t, noise=0.0), kind='table')
+    # Half the second difference of the counts, 20 (0.1 N m)^2 of them, over the slope.
+    assert bent.gauge.residual_nm == pytest.approx(20 * 0.1**2 / 120, rel=0.3)
+    assert straight.gauge.residual_nm < 1e-12
+
+
 def test_falling_counts_are_refused():
     with pytest.raises(CalibrationError, match='falls'):
         fit_gauge(weighings(lambda t: 120 - 100 * t))

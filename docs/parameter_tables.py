@@ -10,6 +10,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from grasp_common.parameter_table import Parameter
+
 SOURCES = Path(__file__).resolve().parents[1] / 'ros2_ws' / 'src'
 PACKAGES = {
     'barrett_hand_bridge': 'barrett_hand_bridge.parameters',
@@ -29,9 +31,12 @@ def readme(package: str) -> Path:
 def table(package: str) -> str:
     """The parameters that the node of a package declares, as Markdown."""
     lines = ['| parameter | default | allowed | meaning |', '|---|---|---|---|']
-    for one in import_module(PACKAGES[package]).PARAMETERS:
+    parameters = import_module(PACKAGES[package]).PARAMETERS
+    mixed = len({one.settable for one in parameters}) > 1
+    for one in parameters:
+        live = '; may change while running' if mixed and one.settable == 'running' else ''
         lines.append(
-            f'| `{one.name}` | {_value(one.default)} | {_allowed(one)} | {_meaning(one)} |'
+            f'| `{one.name}` | {_value(one.default)} | {_allowed(one)} | {one.description}{live} |'
         )
     return '\n'.join(lines)
 
@@ -51,19 +56,13 @@ def _value(value: Any) -> str:
     return f'{value:g}' if isinstance(value, float) else str(value) or 'empty'
 
 
-def _allowed(parameter: Any) -> str:
-    choices = getattr(parameter, 'choices', ())
-    if choices:
-        return ', '.join(choices)
+def _allowed(parameter: Parameter) -> str:
+    if parameter.choices:
+        return ', '.join(parameter.choices)
     lowest, highest = parameter.lowest, parameter.highest
     if lowest is None or highest is None:
         return '' if lowest is None else f'from {_value(lowest)}'
     return f'{_value(lowest)} to {_value(highest)}'
-
-
-def _meaning(parameter: Any) -> str:
-    live = getattr(parameter, 'live', False)
-    return parameter.description + ('; may change while running' if live else '')
 
 
 def main() -> int:

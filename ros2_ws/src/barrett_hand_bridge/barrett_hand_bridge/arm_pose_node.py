@@ -22,6 +22,7 @@ from barrett_hand_bridge.arm import (
     scara_flange,
 )
 from barrett_hand_bridge.kinematics import Array
+from grasp_common.messages import nanoseconds
 
 
 class ArmPose:
@@ -66,7 +67,7 @@ class ArmPose:
         except ArmError as error:
             self._complain(f'arm/pose: {error}')
             return
-        self._publish(flange, messages.stamp_nanoseconds(message), message.header.frame_id)
+        self._publish(flange, nanoseconds(message.header.stamp), message.header.frame_id)
 
     def _on_joints(self, message: JointState) -> None:
         positions = messages.joint_positions(message)
@@ -83,7 +84,7 @@ class ArmPose:
         except ArmError as error:
             self._complain(f'arm/joint_states: {error}')
             return
-        self._publish(flange, messages.stamp_nanoseconds(message), self._values['world_frame'])
+        self._publish(flange, nanoseconds(message.header.stamp), self._values['world_frame'])
 
     def _publish(self, flange: Pose, stamp_ns: int, frame: str) -> None:
         hand = flange.then(self._mount)

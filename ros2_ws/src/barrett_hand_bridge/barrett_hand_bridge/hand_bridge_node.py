@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import time
 from collections import deque
@@ -14,13 +13,11 @@ from typing import Any
 import rclpy
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.utilities import remove_ros_args
 
-from barrett_hand_bridge import assembly, messages, parameters
+from barrett_hand_bridge import assembly, parameters
 from barrett_hand_bridge.actions_node import HandActions
 from barrett_hand_bridge.arm_pose_node import ArmPose
 from barrett_hand_bridge.calibration import CalibrationError, HandCalibration
@@ -32,7 +29,6 @@ from barrett_hand_bridge.health import Health, Level, LinkState
 from barrett_hand_bridge.kinematics import Array
 from barrett_hand_bridge.observer import HandObserver, Observation
 from barrett_hand_bridge.own_emulator import OwnEmulator
-from barrett_hand_bridge.parameters import ParameterError
 from barrett_hand_bridge.worker import (
     Connected,
     Disturbed,
@@ -45,6 +41,12 @@ from barrett_hand_bridge.worker import (
     Observed,
     Outcome,
 )
+from grasp_common.main_node import declare, run_node
+from grasp_common.parameter_table import ParameterError, check
+
+
+class BridgeError(RuntimeError):
+    """The node cannot do its work; the message says why."""
 
 
 class HandBridge(LifecycleNode):
@@ -53,10 +55,7 @@ class HandBridge(LifecycleNode):
     def __init__(self) -> None:
         """Declare parameters; nothing is opened before `configure`."""
         super().__init__('hand_bridge')
-        for parameter in parameters.PARAMETERS:
-            self.declare_parameter(
-                parameter.name, parameter.default, messages.parameter_descriptor(parameter)
-            )
+        declare(self, parameters.PARAMETERS)
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.failure: str | None = None
         self._worker: HandWorker | None = None
@@ -184,7 +183,7 @@ class HandBridge(LifecycleNode):
             emulator.stop()
         self._latest = None
 
-    def end(self) -> None:
+    def close(self) -> None:
         """Stop the hand and leave nothing running, whatever state the node is in."""
         self._active = False
         self._release()
@@ -206,10 +205,10 @@ class HandBridge(LifecycleNode):
             if declared is None:
                 continue
             try:
-                parameters.check(parameter.name, parameter.value)
+                check(declared, parameter.value)
             except ParameterError as error:
                 return SetParametersResult(successful=False, reason=str(error))
-            if self._worker is not None and not declared.live:
+            if self._worker is not None and declared.settable != 'running':
                 return SetParametersResult(
                     successful=False,
                     reason=f'parameter {parameter.name} takes effect at configure: clean up first',
@@ -325,48 +324,26 @@ class HandBridge(LifecycleNode):
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; returns the exit code."""
-    given = remove_ros_args(sys.argv[1:] if arguments is None else arguments)
-    if {'-h', '--help'} & set(given):
-        print(parameters.usage())
-        return 0
-    if given:
-        print(f'hand_bridge: unknown argument {given[0]!r}; see --help', file=sys.stderr)
-        return 2
-    # rclpy ends its context at this signal. Python's KeyboardInterrupt would break into whatever
-    # runs just then, and in the middle of a call into C++ come out as an error of that call.
-    signal.signal(signal.SIGINT, lambda *_: None)
-    rclpy.init(args=arguments)
-    executor = SingleThreadedExecutor()
-    node: HandBridge | None = None
-    failure: object = None
-    try:
-        node = HandBridge()
-        executor.add_node(node)
-        if node.get_parameter('autostart').value:
-            node.trigger_configure()
-            if node.failure is None:
-                node.trigger_activate()
-        while rclpy.ok() and node.failure is None:
-            executor.spin_once(timeout_sec=0.5)
-    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-        failure = error
-    except ExternalShutdownException:
-        pass
-    except Exception:
-        # Whatever is made, sent or waited for after the signal complains.
-        if rclpy.ok():
-            raise
-    finally:
-        if node is not None:
-            node.end()
-            failure = node.failure
-            executor.remove_node(node)
-            node.destroy_node()
-        rclpy.try_shutdown()
-    if failure is not None:
-        print(f'hand_bridge: {failure}', file=sys.stderr)
-        return 1
-    return 0
+    return run_node(
+        'hand_bridge',
+        HandBridge,
+        arguments,
+        usage=parameters.usage,
+        errors=(BridgeError,),
+        serve=_serve,
+    )
+
+
+def _serve(node: HandBridge, executor: Executor) -> None:
+    """Start as the parameters say, then go on until the context ends; raises BridgeError."""
+    if node.get_parameter('autostart').value:
+        node.trigger_configure()
+        if node.failure is None:
+            node.trigger_activate()
+    while rclpy.ok() and node.failure is None:
+        executor.spin_once(timeout_sec=0.5)
+    if node.failure is not None:
+        raise BridgeError(node.failure)
 
 
 if __name__ == '__main__':

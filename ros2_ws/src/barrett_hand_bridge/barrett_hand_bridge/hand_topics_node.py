@@ -18,6 +18,8 @@ from barrett_hand_bridge.contacts import FLAG_STALE
 from barrett_hand_bridge.hand import FINGERS, HandFacts
 from barrett_hand_bridge.health import Level
 from barrett_hand_bridge.observer import Observation
+from grasp_common.main_node import status_name
+from grasp_common.messages import diagnostics, number
 
 STREAM = QoSProfile(depth=100)
 
@@ -97,7 +99,7 @@ class HandTopics:
                 messages.wrench_message(reading, stamp, self._values['tip_frames'][index])
             )
             counts = math.nan if reading.gauge_counts is None else reading.gauge_counts
-            self._counts[finger].publish(messages.number_message(counts))
+            self._counts[finger].publish(number(counts))
         return True
 
     def diagnostics(
@@ -110,8 +112,5 @@ class HandTopics:
     ) -> None:
         """What /diagnostics says."""
         hardware = 'no hand yet' if facts is None else f'{facts.model} {facts.serial_number}'
-        self._diagnostics.publish(
-            messages.diagnostics_message(
-                level, 'hand_bridge: hand', text, hardware, values, stamp_ns
-            )
-        )
+        name = status_name(self._node, 'hand')
+        self._diagnostics.publish(diagnostics(stamp_ns, name, level.value, text, values, hardware))

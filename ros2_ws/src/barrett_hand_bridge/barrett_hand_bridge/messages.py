@@ -8,22 +8,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, TransformStamped, WrenchStamped
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from sensor_msgs.msg import JointState, PointCloud2, PointField
-from std_msgs.msg import Float64, Header
+from sensor_msgs.msg import JointState, PointCloud2
 from trajectory_msgs.msg import JointTrajectory
 
 from barrett_hand_bridge.arm import quaternion_of
 from barrett_hand_bridge.contacts import Contact
 from barrett_hand_bridge.hand import FINGERS, SPREAD
-from barrett_hand_bridge.health import Level
 from barrett_hand_bridge.kinematics import Array, JointAngles, cross
 from barrett_hand_bridge.motion import Following, MotionError, TrajectoryPoint, joint_position
 from barrett_hand_bridge.observer import FingerReading, Observation
-from barrett_hand_bridge.parameters import Parameter
+from grasp_common.messages import cloud, header, point_fields
 
 CONTACT_TYPE = np.dtype(
     [
@@ -32,7 +27,7 @@ CONTACT_TYPE = np.dtype(
         ('radius', '<f4'),
         ('finger', 'u1'),
         ('flags', 'u1'),
-        ('unused', '<u2'),
+        ('_unused', '<u2'),
         ('sigma_t', '<f4'),
         ('travel', '<f4'),
         ('sigma_travel', '<f4'),
@@ -40,41 +35,9 @@ CONTACT_TYPE = np.dtype(
         ('sigma_normal', '<f4'),
     ]
 )
-_LEVELS = {
-    Level.OK: DiagnosticStatus.OK,
-    Level.WARN: DiagnosticStatus.WARN,
-    Level.ERROR: DiagnosticStatus.ERROR,
-    Level.STALE: DiagnosticStatus.STALE,
-}
 # What parameter close_force allows.
 MOST_FORCE_N = 25.0
-_FIELD_TYPES = {'f': PointField.FLOAT32, 'u': PointField.UINT8}
-
-
-def time_message(stamp_ns: int) -> Time:
-    """A time in nanoseconds as a message."""
-    return Time(sec=int(stamp_ns // 1_000_000_000), nanosec=int(stamp_ns % 1_000_000_000))
-
-
-def header(stamp_ns: int, frame: str) -> Header:
-    """Header with stamp and frame."""
-    return Header(stamp=time_message(stamp_ns), frame_id=frame)
-
-
-def _contact_fields() -> list[PointField]:
-    fields = []
-    assert CONTACT_TYPE.fields is not None
-    for name in CONTACT_TYPE.names or ():
-        if name == 'unused':
-            continue
-        kind, offset = CONTACT_TYPE.fields[name][:2]
-        fields.append(
-            PointField(name=name, offset=int(offset), datatype=_FIELD_TYPES[kind.kind], count=1)
-        )
-    return fields
-
-
-_CONTACT_FIELDS = _contact_fields()
+_CONTACT_FIELDS = point_fields(CONTACT_TYPE)
 
 
 def contacts_message(
@@ -95,17 +58,7 @@ def contacts_message(
         row['sigma_travel'] = contact.sigma_travel_m
         row['sigma_point'] = contact.sigma_point_m
         row['sigma_normal'] = contact.sigma_direction_rad
-    return PointCloud2(
-        header=header(stamp_ns, frame),
-        height=1,
-        width=len(contacts),
-        fields=_CONTACT_FIELDS,
-        is_bigendian=False,
-        point_step=CONTACT_TYPE.itemsize,
-        row_step=CONTACT_TYPE.itemsize * len(contacts),
-        data=array.array('B', rows.tobytes()),
-        is_dense=False,
-    )
+    return cloud(rows, stamp_ns, frame, _CONTACT_FIELDS, dense=False)
 
 
 def joint_states_message(
@@ -118,7 +71,7 @@ def joint_states_message(
         positions += [float(angles.inner[finger]), float(angles.outer[finger])]
         efforts += [math.nan, float(torques_nm[finger])]
     return JointState(
-        header=header(stamp_ns, ''),
+        header=header(stamp_ns),
         name=list(names),
         position=array.array('d', positions),
         velocity=array.array('d'),
@@ -173,7 +126,7 @@ def trajectory_feedback(observation: Observation, motion: Following, names: Sequ
     from control_msgs.action import FollowJointTrajectory
 
     joints = {motor: name for name, motor in _motors(names).items()}
-    feedback = FollowJointTrajectory.Feedback(header=header(observation.stamp_ns, ''))
+    feedback = FollowJointTrajectory.Feedback(header=header(observation.stamp_ns))
     actual = {motor: joint_position(observation, motor) for motor in motion.motors}
     desired = motion.desired or actual
     feedback.joint_names = [joints[motor] for motor in motion.motors]
@@ -200,11 +153,6 @@ def _motors(names: Sequence[str]) -> dict[str, int]:
     return {names[0]: SPREAD, names[1]: 1, names[3]: 2, names[5]: 3}
 
 
-def number_message(value: float) -> Float64:
-    """A plain number."""
-    return Float64(data=float(value))
-
-
 def pose_message(position: Array, quaternion: Array, stamp_ns: int, frame: str) -> PoseStamped:
     """A pose from a position in m (3,) and a quaternion x y z w (4,)."""
     message = PoseStamped(header=header(stamp_ns, frame))
@@ -218,12 +166,6 @@ def pose_numbers(message: PoseStamped) -> tuple[float, ...]:
     """A pose as x y z and quaternion x y z w."""
     p, q = message.pose.position, message.pose.orientation
     return tuple(float(value) for value in (p.x, p.y, p.z, q.x, q.y, q.z, q.w))
-
-
-def stamp_nanoseconds(message: PoseStamped | JointState) -> int:
-    """The stamp of a message in nanoseconds."""
-    stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def joint_positions(message: JointState) -> dict[str, float]:
@@ -260,37 +202,3 @@ def trajectory_points(message: JointTrajectory, names: Sequence[str]) -> list[Tr
         }
         points.append(TrajectoryPoint(float(seconds), positions))
     return points
-
-
-def diagnostics_message(
-    level: Level,
-    name: str,
-    text: str,
-    hardware: str,
-    values: Mapping[str, str],
-    stamp_ns: int,
-) -> DiagnosticArray:
-    """`/diagnostics` with one status."""
-    status = DiagnosticStatus(
-        level=_LEVELS[level],
-        name=name,
-        message=text,
-        hardware_id=hardware,
-        values=[KeyValue(key=key, value=value) for key, value in values.items()],
-    )
-    return DiagnosticArray(header=header(stamp_ns, ''), status=[status])
-
-
-def parameter_descriptor(parameter: Parameter) -> ParameterDescriptor:
-    """Description and range of a parameter; arrays carry none, `parameters.check` holds them."""
-    descriptor = ParameterDescriptor(description=parameter.description)
-    low, high = parameter.lowest, parameter.highest
-    if low is None or high is None or isinstance(parameter.default, list):
-        return descriptor
-    if isinstance(parameter.default, int):
-        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
-    else:
-        descriptor.floating_point_range = [
-            FloatingPointRange(from_value=float(low), to_value=float(high))
-        ]
-    return descriptor

@@ -4,38 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 from barrett_hand_bridge.arm import ArmError, pose_from_numbers
 from barrett_hand_bridge.gcl.realtime import FEEDBACK
-
-Value = bool | int | float | str | list[float] | list[int] | list[str]
-
-
-class ParameterError(ValueError):
-    """A parameter value that cannot be used; the message names it and what is allowed."""
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One declared parameter. `live`: may be changed while the node runs."""
-
-    name: str
-    default: Value
-    description: str
-    lowest: float | None = None
-    highest: float | None = None
-    choices: tuple[str, ...] = ()
-    length: int | None = None
-    live: bool = False
+from grasp_common import parameter_table
+from grasp_common.parameter_table import Parameter, ParameterError
 
 
 def _length_m(name: str, default: float, description: str, highest: float = 0.5) -> Parameter:
     return Parameter(name, default, description + ' (m)', 0.0, highest)
 
 
-PARAMETERS: tuple[Parameter, ...] = (
+_DECLARED = (
     Parameter(
         'backend',
         'serial',
@@ -249,36 +231,20 @@ PARAMETERS: tuple[Parameter, ...] = (
         length=7,
     ),
     Parameter('close_fingers', [1, 2], 'fingers that hand/close closes', 1, 3),
-    Parameter('close_force', 5.0, 'force at which hand/close stops (N)', 0.1, 25.0, live=True),
-    Parameter('torque_limit', 1.0, 'torque that ends any motion (N m)', 0.01, 1.5, live=True),
-    Parameter('approach_speed', 0.3, 'joint 2 speed before touch (rad/s)', 0.005, 2.5, live=True),
-    Parameter('squeeze_speed', 0.02, 'joint 2 speed after touch (rad/s)', 0.001, 0.5, live=True),
-    Parameter('open_speed', 0.8, 'joint 2 speed of hand/open (rad/s)', 0.005, 2.5, live=True),
+    Parameter('close_force', 5.0, 'force at which hand/close stops (N)', 0.1, 25.0),
+    Parameter('torque_limit', 1.0, 'torque that ends any motion (N m)', 0.01, 1.5),
+    Parameter('approach_speed', 0.3, 'joint 2 speed before touch (rad/s)', 0.005, 2.5),
+    Parameter('squeeze_speed', 0.02, 'joint 2 speed after touch (rad/s)', 0.001, 0.5),
+    Parameter('open_speed', 0.8, 'joint 2 speed of hand/open (rad/s)', 0.005, 2.5),
+)
+LIVE = ('close_force', 'torque_limit', 'approach_speed', 'squeeze_speed', 'open_speed')
+"""May change while the hand is connected; all others take effect at configure."""
+
+PARAMETERS: tuple[Parameter, ...] = tuple(
+    parameter if parameter.name in LIVE else replace(parameter, settable='configure')
+    for parameter in _DECLARED
 )
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
-
-
-def check(name: str, value: Any) -> None:
-    """Check one value against its range.
-
-    Raises:
-        ParameterError: out of range, not among the choices, of another length, or not finite.
-    """
-    parameter = BY_NAME[name]
-    values = value if isinstance(value, (list, tuple)) or hasattr(value, 'typecode') else [value]
-    if parameter.length is not None and len(values) != parameter.length:
-        raise ParameterError(f'parameter {name}: {len(values)} values, needs {parameter.length}')
-    for word in values if parameter.choices else ():
-        if word not in parameter.choices:
-            allowed = ', '.join(parameter.choices)
-            raise ParameterError(f'parameter {name} is {word!r}, must be one of {allowed}')
-    for number in values:
-        if isinstance(number, (bool, str)):
-            continue
-        low = -math.inf if parameter.lowest is None else parameter.lowest
-        high = math.inf if parameter.highest is None else parameter.highest
-        if not math.isfinite(number) or not low <= number <= high:
-            raise ParameterError(f'parameter {name} is {number}, must be {low:g} to {high:g}')
 
 
 def check_all(values: Mapping[str, Any]) -> None:
@@ -287,8 +253,7 @@ def check_all(values: Mapping[str, Any]) -> None:
     Raises:
         ParameterError: the first that is wrong.
     """
-    for name, value in values.items():
-        check(name, value)
+    parameter_table.check_known(PARAMETERS, values)
     if not 13 <= values['can_group'] <= 31 and values['can_group'] != 5:
         raise ParameterError(
             f'parameter can_group is {values["can_group"]}, must be 5 or 13 to 31: the others '
@@ -313,22 +278,8 @@ def check_all(values: Mapping[str, Any]) -> None:
 
 def usage() -> str:
     """What `hand_bridge --help` prints: every parameter with its unit, range and default."""
-    lines = [
-        'usage: hand_bridge [-h] [--ros-args -p NAME:=VALUE ...]',
-        '',
-        'A BarrettHand on its topics: joint states, wrenches, contacts, gauge counts. SI units.',
-        '',
-        'parameters:',
-    ]
-    for parameter in PARAMETERS:
-        lines.append(f'  {parameter.name} (default {parameter.default!r})')
-        lines.append(f'      {parameter.description}{_limits(parameter)}')
-    return '\n'.join(lines)
-
-
-def _limits(parameter: Parameter) -> str:
-    if parameter.choices:
-        return f' (one of {", ".join(map(str, parameter.choices))})'
-    if parameter.lowest is not None and parameter.highest is not None:
-        return f' ({parameter.lowest:g} to {parameter.highest:g})'
-    return ''
+    return parameter_table.usage(
+        'hand_bridge',
+        'A BarrettHand on its topics: joint states, wrenches, contacts, gauge counts.',
+        PARAMETERS,
+    )

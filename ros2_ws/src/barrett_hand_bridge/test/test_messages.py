@@ -12,7 +12,6 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from barrett_hand_bridge import messages
 from barrett_hand_bridge.calibration import GaugeCalibration
 from barrett_hand_bridge.hand import HandSample
-from barrett_hand_bridge.health import Level
 from barrett_hand_bridge.motion import MotionError
 from barrett_hand_bridge.observer import HandObserver, ObserverSettings
 
@@ -89,10 +88,3 @@ def test_other_trajectories_are_refused(names, positions, complaint):
 def test_poses_come_back_as_seven_numbers():
     pose = messages.pose_message(np.array([1.0, 2, 3]), np.array([0, 0, 0, 1.0]), 9, 'world')
     assert messages.pose_numbers(pose) == (1, 2, 3, 0, 0, 0, 1)
-    assert messages.stamp_nanoseconds(pose) == 9
-
-
-def test_diagnostics_carry_level_and_values():
-    message = messages.diagnostics_message(Level.WARN, 'a', 'b', 'c', {'d': 'e'}, 1)
-    assert message.status[0].level == b'\x01'
-    assert message.status[0].values[0].key == 'd'

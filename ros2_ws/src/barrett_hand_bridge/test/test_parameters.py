@@ -2,7 +2,8 @@
 
 import pytest
 
-from barrett_hand_bridge.parameters import PARAMETERS, ParameterError, check, check_all
+from barrett_hand_bridge.parameters import BY_NAME, PARAMETERS, check_all
+from grasp_common.parameter_table import ParameterError, check
 
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 
@@ -19,17 +20,17 @@ def test_names_are_unique_and_described():
 @pytest.mark.parametrize(
     ('name', 'value', 'complaint'),
     [
-        ('backend', 'usb', 'must be one of serial, can, emulator'),
-        ('close_force', 100.0, 'must be 0.1 to 25'),
-        ('close_force', float('nan'), 'must be 0.1 to 25'),
-        ('feedback', ['strain', 'smell'], "is 'smell', must be one of strain"),
-        ('pin_length', [0.1], '1 values, needs 3'),
+        ('backend', 'usb', 'choose one of serial, can, emulator'),
+        ('close_force', 100.0, 'must lie between 0.1 and 25'),
+        ('close_force', float('nan'), 'must lie between 0.1 and 25'),
+        ('feedback', ['strain', 'smell'], "is 'smell'; choose one of strain"),
+        ('pin_length', [0.1], '1 values; it needs 3'),
         ('pin_length', [0.1, 0.1, 9.0], 'pin_length is 9'),
     ],
 )
 def test_a_wrong_value_is_named_with_what_is_allowed(name, value, complaint):
     with pytest.raises(ParameterError, match=complaint):
-        check(name, value)
+        check(BY_NAME[name], value)
 
 
 @pytest.mark.parametrize(

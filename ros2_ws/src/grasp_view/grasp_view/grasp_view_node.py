@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import queue
-import signal
 import sys
 import time
 from collections.abc import Callable
@@ -11,24 +10,22 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
     SetParametersResult,
 )
 from rclpy.callback_groups import CallbackGroup
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh as MeshMessage
 from std_msgs.msg import Bool, Float64, String
+
+from grasp_common.main_node import declare, run_node, status_name
+from grasp_common.messages import diagnostics
+from grasp_common.point_cloud import MessageError
 
 from . import messages
 from .page import BUTTONS, Page, PageError
@@ -100,7 +97,7 @@ class GraspView(Node):
 
     def __init__(self) -> None:
         super().__init__('grasp_view')
-        self._declare()
+        declare(self, PARAMETERS)
         self._rate = float(self.get_parameter('rate').value)
         span = float(self.get_parameter('history').value)
         self._snapshot = Snapshot(
@@ -141,20 +138,6 @@ class GraspView(Node):
         self.add_on_set_parameters_callback(self._set)
         host, port = self.page.server.get_host(), self.page.server.get_port()
         self.get_logger().info(f'page ready on http://{host}:{port}')
-
-    def _declare(self) -> None:
-        for one in PARAMETERS:
-            described = ParameterDescriptor(description=one.description, read_only=one.fixed)
-            if one.lowest is not None and one.highest is not None:
-                if isinstance(one.default, int):
-                    described.integer_range = [
-                        IntegerRange(from_value=int(one.lowest), to_value=int(one.highest), step=1)
-                    ]
-                else:
-                    described.floating_point_range = [
-                        FloatingPointRange(from_value=one.lowest, to_value=one.highest)
-                    ]
-            self.declare_parameter(one.name, one.default, described)
 
     def _set(self, parameters: list[Parameter]) -> SetParametersResult:
         changes: dict[str, Any] = {}
@@ -281,7 +264,7 @@ class GraspView(Node):
                 continue
             try:
                 take(*newest)
-            except (messages.MessageError, PoseError, ValueError) as error:
+            except (MessageError, PoseError, ValueError) as error:
                 self.get_logger().warning(
                     f'{subscription.topic_name} is left out: {error}', throttle_duration_sec=5.0
                 )
@@ -323,21 +306,14 @@ class GraspView(Node):
 
     def _diagnose(self) -> None:
         clients, drawn = len(self.page.server.get_clients()), self.page.scene.drawn
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.OK,
-            name=f'{self.get_fully_qualified_name()}: page',
-            message='serving',
-            hardware_id='',
-            values=[
-                KeyValue(key='browsers', value=str(clients)),
-                KeyValue(key='surfaces drawn in the last second', value=str(drawn - self._drawn)),
-                KeyValue(key='pictures kept', value=str(len(self._history))),
-            ],
-        )
+        values = {
+            'browsers': clients,
+            'surfaces drawn in the last second': drawn - self._drawn,
+            'pictures kept': len(self._history),
+        }
         self._drawn = drawn
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        now, name = self.get_clock().now().nanoseconds, status_name(self, 'page')
+        self._diagnostics.publish(diagnostics(now, name, 'ok', 'serving', values))
 
     def close(self) -> None:
         """End the what-if solver and the page."""
@@ -348,39 +324,9 @@ class GraspView(Node):
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the page until it is told to stop; 1 if it cannot be served."""
-    given = remove_ros_args(sys.argv[1:] if arguments is None else arguments)
-    if {'-h', '--help'} & set(given):
-        print(usage())
-        return 0
-    if given:
-        print(f'grasp_view: unknown argument {given[0]!r}; see --help', file=sys.stderr)
-        return 2
-    # rclpy ends its context at this signal. Python's KeyboardInterrupt would break into whatever
-    # runs just then, and in the middle of a call into C++ come out as an error of that call.
-    signal.signal(signal.SIGINT, lambda *_: None)
-    rclpy.init(args=arguments)
-    node: GraspView | None = None
-    code = 0
-    try:
-        node = GraspView()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        executor.spin()
-    except (PageError, PoseError, WhatIfError) as error:
-        print(f'grasp_view: {error}', file=sys.stderr)
-        code = 1
-    except ExternalShutdownException:
-        pass
-    except Exception:
-        # Whatever is made, sent or waited for after the signal complains.
-        if rclpy.ok():
-            raise
-    finally:
-        if node is not None:
-            node.close()
-            node.destroy_node()
-        rclpy.try_shutdown()
-    return code
+    return run_node(
+        'grasp_view', GraspView, arguments, usage=usage, errors=(PageError, PoseError, WhatIfError)
+    )
 
 
 if __name__ == '__main__':

@@ -56,12 +56,13 @@ def declare(node: Node, parameters: Iterable[Parameter]) -> None:
             node.get_logger().warning(unknown(name, known))
 
 
-def status_name(node: Node, part: str) -> str:
-    """Name of a diagnostic status: namespace and node, then the part, as `left/hand_bridge: hand`.
+def status_name(node: Node, part: str = '') -> str:
+    """Name of a diagnostic status: namespace and node, then its part, as `left/hand_bridge: hand`.
 
     Two nodes of one name in two namespaces stay two for whoever gathers `/diagnostics`.
     """
-    return f'{node.get_fully_qualified_name().removeprefix("/")}: {part}'
+    name = node.get_fully_qualified_name().removeprefix('/')
+    return f'{name}: {part}' if part else name
 
 
 def end_by_signals() -> None:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.qos import (
     DurabilityPolicy,
@@ -80,19 +78,6 @@ def clock_message(nanoseconds: int) -> Clock:
     """A `/clock` message."""
     message = Clock()
     message.clock.sec, message.clock.nanosec = divmod(int(nanoseconds), 1_000_000_000)
-    return message
-
-
-def diagnostics(
-    name: str, warning: str | None, text: str, values: Mapping[str, object], nanoseconds: int
-) -> DiagnosticArray:
-    """One status of this node: `warning` (None: all is well), else `text`, and its numbers."""
-    message = DiagnosticArray()
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(int(nanoseconds), 10**9)
-    status = DiagnosticStatus(name=name, hardware_id='none', message=warning or text)
-    status.level = DiagnosticStatus.OK if warning is None else DiagnosticStatus.WARN
-    status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-    message.status = [status]
     return message
 
 

@@ -20,16 +20,19 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from grasp_replay.arguments_node import (
+from grasp_common.main_node import (
+    WRONG_PARAMETERS,
     WRONG_ROS_ARGUMENTS,
     end_by_signals,
-    split_ros_arguments,
+    status_name,
 )
+from grasp_common.messages import diagnostics
+from grasp_common.terminal import complain, status_line
+from grasp_replay.arguments_node import split_ros_arguments
 from grasp_replay.bag_writer import COMPRESSIONS, BagWriter
 from grasp_replay.cdr import has_header, header_stamp
 from grasp_replay.errors import BagError
-from grasp_replay.messages import diagnostics, from_endpoint, message_class, type_hash
-from grasp_replay.progress import status_line
+from grasp_replay.messages import from_endpoint, message_class, type_hash
 from grasp_replay.qos import common_offer, qos_text
 from grasp_replay.topic_selection import TopicSelection
 
@@ -93,7 +96,9 @@ class RecordNode(Node):
             'lost': self.lost,
             'stamps before 1970, logged at their arrival': self.unstamped,
         }
-        self._diagnostics.publish(diagnostics('record', warning, 'recording', values, now))
+        level = 'ok' if warning is None else 'warn'
+        name = status_name(self)
+        self._diagnostics.publish(diagnostics(now, name, level, warning or 'recording', values))
 
     def _discover(self) -> None:
         for topic, types in self.get_topic_names_and_types():
@@ -222,10 +227,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _record(directory, selection, options, ros)
     except BagError as error:
-        print(f'record: {error}', file=sys.stderr)
+        complain('record', error)
         return 1
-    except WRONG_ROS_ARGUMENTS as error:
-        print(f'record: {error}', file=sys.stderr)
+    except (*WRONG_ROS_ARGUMENTS, *WRONG_PARAMETERS) as error:
+        complain('record', error)
         return 2
 
 

@@ -11,21 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp_common.point_cloud import CloudReader, MessageError
 from grasp_replay.bag import Bag
 from grasp_replay.bag_reader import bag_files, open_bag, read_metadata
 from grasp_replay.cdr import header_stamp
 from grasp_replay.errors import BagError
-from grasp_replay.point_cloud import cloud_columns, matrix
 from grasp_replay.topic_selection import listed
 from shell_deform.live.pose import IDENTITY, Pose, PoseError, pose_of
+from shell_deform.live.tick.contact_cloud import ContactReader
 from shell_deform.live.tick.sample import ContactSample
 
 Array = NDArray[np.float64]
 
 CONTACTS, SCANS, POSES = 'hand/contacts', 'scan/points', 'object_pose'
 CLOUD, POSE = 'sensor_msgs/msg/PointCloud2', 'geometry_msgs/msg/PoseStamped'
-VECTORS = {'point': ('x', 'y', 'z'), 'normal': ('nx', 'ny', 'nz'), 'force': ('fx', 'fy', 'fz')}
-UNKNOWN = {'sigma_t': np.inf, 'travel': np.nan, 'sigma_travel': np.nan}
 
 
 @dataclass(frozen=True)
@@ -78,18 +77,19 @@ def read_recording(path: Path) -> Recording:
         samples: list[ContactSample] = []
         scans: list[RecordedScan] = []
         poses: list[tuple[int, Pose]] = []
+        contacts, cloud = ContactReader(), CloudReader('scan/points')
         for message in bag.messages([name for name in topics.values() if name is not None]):
             stamp = header_stamp(message.data)
             decoded = bag.decode(message)
             try:
                 if message.topic == topics['contacts']:
-                    samples.append(contact_sample(decoded, stamp))
+                    samples.append(contacts.read(decoded, stamp))
                 elif message.topic == topics['scans']:
-                    points = matrix(cloud_columns(decoded), ('x', 'y', 'z'))
+                    points = cloud.read_columns(decoded, ('x', 'y', 'z'))
                     scans.append(RecordedScan(stamp, points))
                 else:
                     poses.append((stamp, _pose(decoded)))
-            except (BagError, PoseError) as error:
+            except (MessageError, PoseError) as error:
                 raise BagError(f'{path}: {message.topic} at {stamp} ns: {error}') from error
         samples.sort(key=lambda sample: sample.stamp)
         return Recording(
@@ -110,31 +110,6 @@ def _topic(bag: Bag, name: str, type_name: str) -> str | None:
         if topic.type_name == type_name and f'/{topic.name}'.endswith(f'/{name}')
     ]
     return min(found, key=len) if found else None
-
-
-def contact_sample(message: Any, stamp: int) -> ContactSample:
-    """One message of `hand/contacts` as the estimator's sample; raises BagError."""
-    columns = cloud_columns(message)
-    vectors = {name: matrix(columns, fields) for name, fields in VECTORS.items()}
-    scalars = matrix(columns, ('sigma_n', 'radius', 'finger', 'flags'))
-    count = len(scalars)
-    optional = {
-        name: columns[name].astype(np.float64) if name in columns else np.full(count, value)
-        for name, value in UNKNOWN.items()
-    }
-    return ContactSample(
-        stamp=stamp,
-        finger=scalars[:, 2].astype(np.int64),
-        flags=scalars[:, 3].astype(np.int64),
-        point=vectors['point'],
-        normal=vectors['normal'],
-        force=vectors['force'],
-        sigma_normal=scalars[:, 0],
-        sigma_tangential=optional['sigma_t'],
-        radius=scalars[:, 1],
-        travel=optional['travel'],
-        sigma_travel=optional['sigma_travel'],
-    )
 
 
 def _pose(message: Any) -> Pose:

@@ -16,11 +16,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
-from grasp_replay.arguments_node import (
-    WRONG_ROS_ARGUMENTS,
-    end_by_signals,
-    split_ros_arguments,
-)
+from grasp_common.main_node import WRONG_PARAMETERS, WRONG_ROS_ARGUMENTS, end_by_signals
+from grasp_common.terminal import complain, progress_bar
+from grasp_replay.arguments_node import split_ros_arguments
 from grasp_replay.bag import Bag
 from grasp_replay.bag_reader import open_bag
 from grasp_replay.cdr import has_header
@@ -28,7 +26,6 @@ from grasp_replay.errors import BagError
 from grasp_replay.lockstep import Lockstep
 from grasp_replay.messages import clock_message, message_class
 from grasp_replay.player import Player
-from grasp_replay.progress import progress_bar
 from grasp_replay.replay_core import Control, Pace
 from grasp_replay.replay_options import ReplayOptions, parse_options
 from grasp_replay.replay_panel_node import ReplayPanel
@@ -95,10 +92,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options.choice.span(bag)
             return _replay(bag, options, ros)
     except BagError as error:
-        print(f'replay: {error}', file=sys.stderr)
+        complain('replay', error)
         return 1
-    except WRONG_ROS_ARGUMENTS as error:
-        print(f'replay: {error}', file=sys.stderr)
+    except (*WRONG_ROS_ARGUMENTS, *WRONG_PARAMETERS) as error:
+        complain('replay', error)
         return 2
 
 

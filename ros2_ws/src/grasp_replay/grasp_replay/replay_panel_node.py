@@ -15,9 +15,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Bool, Float64
 from std_srvs.srv import Trigger
 
+from grasp_common.main_node import status_name
+from grasp_common.messages import diagnostics
 from grasp_replay.bag import Bag
 from grasp_replay.errors import BagError
-from grasp_replay.messages import diagnostics
 from grasp_replay.replay_core import HIGHEST_RATE, Control, Tally
 from grasp_replay.replay_options import ReplayOptions
 
@@ -151,7 +152,7 @@ class ReplayPanel:
             return
         warning = f'{tally.lost} messages were lost' if tally.lost else None
         values = {
-            'rate': pace.rate,
+            'rate': str(pace.rate),
             'paused': pace.paused,
             'sent': tally.total,
             'late': tally.late,
@@ -160,4 +161,6 @@ class ReplayPanel:
         }
         now = self._node.get_clock().now().nanoseconds
         text = 'paused' if pace.paused else 'replaying'
-        self._diagnostics.publish(diagnostics('replay', warning, text, values, now))
+        level = 'ok' if warning is None else 'warn'
+        name = status_name(self._node)
+        self._diagnostics.publish(diagnostics(now, name, level, warning or text, values))

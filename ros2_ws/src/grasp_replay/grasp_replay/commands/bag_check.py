@@ -12,10 +12,10 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from grasp_common.terminal import progress_bar
 from grasp_replay.bag_reader import Bag, bag_files, open_bag, read_metadata, storage_kind
 from grasp_replay.bag_repair import Examination, examine, recover
 from grasp_replay.errors import BagError
-from grasp_replay.progress import progress_bar
 
 
 def build_parser() -> argparse.ArgumentParser:

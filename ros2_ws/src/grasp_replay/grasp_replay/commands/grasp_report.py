@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from grasp_common.terminal import progress_bar
 from grasp_replay.errors import BagError
-from grasp_replay.progress import progress_bar
 
 if TYPE_CHECKING:
     from grasp_replay.campaign import CampaignResult

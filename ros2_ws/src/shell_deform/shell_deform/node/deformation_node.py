@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import gc
-import signal
-import sys
 import time
 from collections.abc import Sequence
 from typing import Any
 
-import rclpy
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
+from grasp_common.main_node import declare, run_node
+from grasp_common.messages import nanoseconds
+from grasp_common.parameter_table import ParameterError
+from grasp_common.point_cloud import MessageError
 from shell_deform.live.background.worker_link import (
     Build,
     WorkerError,
@@ -32,6 +30,7 @@ from shell_deform.live.background.worker_link import (
 )
 from shell_deform.live.pose import Pose, PoseError, pose_of
 from shell_deform.live.tick import diagnosis
+from shell_deform.live.tick.contact_cloud import ContactReader
 from shell_deform.live.tick.estimator import Estimator, Served
 from shell_deform.live.tick.health import Arrival, Figures, process_age
 from shell_deform.live.tick.modulus import ModulusFilter
@@ -56,10 +55,7 @@ class DeformationNode(Node):
     def __init__(self, ahead: WorkerProcess | None = None, **options: Any) -> None:
         """`ahead`: a background process started before, which waits for what to build."""
         super().__init__('deformation', **options)
-        for parameter in parameters.PARAMETERS:
-            self.declare_parameter(
-                parameter.name, parameter.default, messages.descriptor(parameter)
-            )
+        declare(self, parameters.PARAMETERS)
         values = self._values()
         parameters.validate(values)
         self.add_on_set_parameters_callback(self._validate)
@@ -80,7 +76,7 @@ class DeformationNode(Node):
         self._somebody_publishes = True
         self._marker_stamp = 0
         self._request = empty_request()
-        self._reader = messages.ContactReader()
+        self._reader = ContactReader()
         self._topics = DeformationTopics(self)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._silence = self.create_timer(self.watch.deadline, self._listen, clock=steady)
@@ -113,7 +109,7 @@ class DeformationNode(Node):
     def _validate(self, changes: list[RosParameter]) -> SetParametersResult:
         try:
             parameters.validate({change.name: change.value for change in changes})
-        except parameters.ParameterError as error:
+        except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
@@ -150,9 +146,9 @@ class DeformationNode(Node):
         began, now = time.perf_counter(), time.monotonic()
         figures = self.figures
         try:
-            sample = self._reader.read(message)
+            sample = self._reader.read(message, nanoseconds(message.header.stamp))
             check(sample)
-        except (messages.MessageError, SampleError) as error:
+        except (MessageError, SampleError) as error:
             self._refuse(error, now)
             return
         arrival = figures.stamps.arrived(sample.stamp, now)
@@ -363,38 +359,4 @@ def _build(values: dict[str, Any]) -> Build:
 
 def run(arguments: Sequence[str], ahead: WorkerProcess | None = None) -> int:
     """Spin the node until it is told to stop; returns the exit code. `ahead`: see the node."""
-    given = remove_ros_args(list(arguments))
-    if given:
-        print(f'deformation: unknown argument {given[0]!r}; see --help', file=sys.stderr)
-        return 2
-    # rclpy ends its context at this signal. Python's KeyboardInterrupt would break into whatever
-    # runs just then, and in the middle of a call into C++ come out as an error of that call.
-    signal.signal(signal.SIGINT, lambda *_: None)
-    rclpy.init(args=list(arguments))
-    executor = SingleThreadedExecutor()
-    node: DeformationNode | None = None
-    code = 0
-    try:
-        node = DeformationNode(ahead)
-        executor.add_node(node)
-        executor.spin()
-    except (
-        parameters.ParameterError,
-        InvalidParameterTypeException,
-        InvalidParameterValueException,
-    ) as error:
-        print(f'deformation: {error}', file=sys.stderr)
-        code = 1
-    except ExternalShutdownException:
-        pass
-    except Exception:
-        # Whatever is made, sent or waited for after the signal complains.
-        if rclpy.ok():
-            raise
-    finally:
-        executor.shutdown()
-        if node is not None:
-            node.close()
-            node.destroy_node()
-        rclpy.try_shutdown()
-    return code
+    return run_node('deformation', lambda: DeformationNode(ahead), arguments)

@@ -3,34 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
+from grasp_common import parameter_table
+from grasp_common.parameter_table import Parameter, ParameterError
 from shell_deform.live.pose import PoseError, pose_of
 from shell_deform.live.tick.estimator import Settings
 from shell_deform.live.tick.fusion import DRIVES, ErrorModel
 from shell_deform.objects import ObjectError, load_object
 from shell_deform.theory import THEORIES
-
-Value = bool | int | float | str | list[float]
-
-
-class ParameterError(ValueError):
-    """A parameter value that cannot be used; the message names it and what is allowed."""
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One declared parameter; `fixed` ones are read at start only."""
-
-    name: str
-    default: Value
-    description: str
-    lowest: float | None = None
-    highest: float | None = None
-    choices: tuple[str, ...] = ()
-    fixed: bool = False
-
 
 NONLINEAR = tuple(sorted(name for name, theory in THEORIES.items() if not theory.is_linear))
 
@@ -93,11 +74,10 @@ ZERO_OR_FROM = {'control_vertices': 12, 'marker_rate': 0.01}
 
 def validate(values: Mapping[str, Any]) -> None:
     """Raise ParameterError unless every value, by name, can be used."""
-    by_name = {parameter.name: parameter for parameter in PARAMETERS}
-    for name, value in values.items():
-        parameter = by_name.get(name)
-        if parameter is not None:
-            _check(parameter, value)
+    parameter_table.check_known(PARAMETERS, values)
+    for name, lowest in ZERO_OR_FROM.items():
+        if 0 < values.get(name, 0) < lowest:
+            raise ParameterError(f'{name} is {values[name]}; it must be 0 or at least {lowest:g}')
     if 'object' in values:
         try:
             load_object(values['object'])
@@ -108,25 +88,6 @@ def validate(values: Mapping[str, Any]) -> None:
             pose_of(list(values['object_pose']))
         except PoseError as error:
             raise ParameterError(f'object_pose: {error}') from error
-
-
-def _check(parameter: Parameter, value: Any) -> None:
-    if parameter.choices and value not in parameter.choices:
-        raise ParameterError(
-            f'{parameter.name} is {value!r}; choose one of {", ".join(parameter.choices)}'
-        )
-    low, high = parameter.lowest, parameter.highest
-    from_on = ZERO_OR_FROM.get(parameter.name)
-    if from_on is not None and value != 0 and value < from_on:
-        raise ParameterError(
-            f'{parameter.name} is {value}; it must be 0 or at least {from_on:g}: '
-            f'{parameter.description}'
-        )
-    if low is not None and high is not None and not low <= value <= high:
-        raise ParameterError(
-            f'{parameter.name} is {value}; it must lie between {low:g} and {high:g}: '
-            f'{parameter.description}'
-        )
 
 
 def settings(values: Mapping[str, Any]) -> Settings:
@@ -152,22 +113,6 @@ def settings(values: Mapping[str, Any]) -> Settings:
 
 def usage() -> str:
     """What `deformation --help` prints: every parameter with its unit, range and default."""
-    lines = [
-        'usage: deformation [-h] [--ros-args -p NAME:=VALUE ...]',
-        '',
-        'The deformed surface for every sample of hand/contacts. SI units.',
-        '',
-        'parameters:',
-    ]
-    for parameter in PARAMETERS:
-        lines.append(f'  {parameter.name} (default {parameter.default!r})')
-        lines.append(f'      {parameter.description}{_limits(parameter)}')
-    return '\n'.join(lines)
-
-
-def _limits(parameter: Parameter) -> str:
-    if parameter.choices:
-        return f' (one of {", ".join(map(str, parameter.choices))})'
-    if parameter.lowest is not None and parameter.highest is not None:
-        return f' ({parameter.lowest:g} to {parameter.highest:g})'
-    return ''
+    return parameter_table.usage(
+        'deformation', 'The deformed surface for every sample of hand/contacts.', PARAMETERS
+    )

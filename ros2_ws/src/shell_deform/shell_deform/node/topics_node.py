@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
@@ -15,6 +16,8 @@ from shape_msgs.msg import Mesh
 from std_msgs.msg import Float64, String
 from visualization_msgs.msg import Marker
 
+from grasp_common.main_node import status_name
+from grasp_common.messages import diagnostics, number
 from shell_deform.live.tick.estimator import Served
 from shell_deform.live.tick.modulus import ModulusEstimate
 from shell_deform.live.tick.serve_kernel import FIELDS, NONLINEAR_FIELDS
@@ -50,7 +53,7 @@ class DeformationTopics:
         self._mesh = self._make(Mesh, 'mesh', LATCHED)
         self._marker = self._make(Marker, 'marker', LATCHED)
         self._state = self._make(String, 'state', LATCHED)
-        self._diagnostics = self._make(messages.DiagnosticArray, '/diagnostics')
+        self._diagnostics = self._make(DiagnosticArray, '/diagnostics')
 
     def _make(self, kind: type, name: str, qos: QoSProfile = STREAM) -> Any:
         topic = name if name.startswith('/') else f'deformation/{name}'
@@ -77,12 +80,12 @@ class DeformationTopics:
         """The numbers of one answer."""
         for name, publisher in self._scalars.items():
             if publisher.get_subscription_count():
-                publisher.publish(messages.number(getattr(served, name)))
+                publisher.publish(number(getattr(served, name)))
 
     def modulus(self, found: ModulusEstimate) -> None:
         """The learned modulus."""
-        self._modulus.publish(messages.number(found.value))
-        self._modulus_sigma.publish(messages.number(found.sigma))
+        self._modulus.publish(number(found.value))
+        self._modulus_sigma.publish(number(found.sigma))
 
     def mesh(self, triangles: NDArray[np.int32], points: NDArray[np.float64]) -> None:
         """Topology and rest positions, in the same frame as the surface."""
@@ -108,9 +111,9 @@ class DeformationTopics:
     def diagnostics(self, level: str, summary: str, values: Mapping[str, object]) -> None:
         """What /diagnostics says."""
         self._diagnostics.publish(
-            messages.diagnostics(
+            diagnostics(
                 self._node.get_clock().now().nanoseconds,
-                f'{self._node.get_fully_qualified_name()[1:]}: surface',
+                status_name(self._node, 'surface'),
                 level,
                 summary,
                 values,

@@ -34,7 +34,7 @@ demo: setup  ## the recorded grasp through the three live nodes, then the paper'
 
 # numpy 2.2, the last for Python 3.10, has other types than its successors.
 lint: setup
-	@$(BIN)/ruff check . && $(BIN)/ruff format --check .
+	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/python -m tests.sizes
 	@if $(BIN)/python -c 'import sys; sys.exit(sys.version_info < (3, 11))'; \
 	then $(BIN)/mypy $(foreach p,$(PACKAGES),ros2_ws/src/$(p)/$(p)); \
 	else echo 'Types are not checked: that needs Python 3.11 or later'; fi

@@ -17,6 +17,7 @@ import numpy as np
 import yaml
 
 from barrett_hand_bridge.hand import FINGERS
+from grasp_common import bounded_yaml
 
 FORMAT = 'barrett_hand_calibration/1'
 DOCUMENTED_RANGE_NM = 1.0
@@ -110,7 +111,7 @@ def read_calibration(path: Path) -> HandCalibration:
         CalibrationError: missing or unreadable file, unknown key, wrong or impossible value.
     """
     try:
-        document = yaml.safe_load(path.read_text(encoding='utf-8'))
+        document = bounded_yaml.load(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:
         raise CalibrationError(
             f'calibration {path}: cannot be read ({error}); make one with hand_calibrate'

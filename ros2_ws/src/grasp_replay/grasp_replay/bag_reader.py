@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from grasp_common import bounded_yaml
 from grasp_replay.bag import Bag, Message, Topic
 from grasp_replay.errors import BagError
 from grasp_replay.mcap_bag import McapBag
@@ -84,10 +85,10 @@ def read_metadata(path: Path) -> tuple[dict[str, Any], list[str]]:
     if not path.is_dir():
         return {}, []
     file = path / 'metadata.yaml'
-    if not file.exists():
+    if not file.is_file():
         return {}, ['metadata.yaml is missing; files are read in the order of their names']
     try:
-        document = yaml.safe_load(file.read_text())
+        document = bounded_yaml.load(file.read_text())
         information = document['rosbag2_bagfile_information']
         if isinstance(information, dict):
             return information, []

@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from grasp_common import bounded_yaml
 from grasp_replay.errors import BagError
 
 # Mean of what makers of desktop laser scanners state; used where a recording names none.
@@ -65,7 +66,7 @@ def read_experiment(bag: Path) -> Experiment:
     if not path.is_file():
         return Experiment(bag.stem, None, folder)
     try:
-        document = yaml.safe_load(path.read_text())
+        document = bounded_yaml.load(path.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise BagError(f'{path} cannot be read ({str(error).splitlines()[0]})') from error
     if not isinstance(document, dict):
@@ -138,7 +139,7 @@ class _Reader:
 def read_published(path: Path, object_name: str) -> list[dict[str, float]]:
     """The rows of a published table for one object; empty without them. Raises BagError."""
     try:
-        document = yaml.safe_load(path.read_text())
+        document = bounded_yaml.load(path.read_text())
         return [
             {key: value for key, value in row.items() if key != 'object'}
             for row in document['rows']

@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from grasp_common import bounded_yaml
 from grasp_replay.errors import BagError
 
 # Names in rosbag2 version 9; their places are the numbers that older versions wrote.
@@ -67,7 +68,7 @@ def qos_text(*profiles: QosProfile) -> str:
 def parse_qos_text(text: str) -> list[QosProfile]:
     """The profiles of rosbag2's YAML list; raises BagError when it is none."""
     try:
-        document = yaml.safe_load(text) if text else []
+        document = bounded_yaml.load(text) if text else []
     except yaml.YAMLError as error:
         raise BagError(f'the QoS profiles {text[:40]!r}... are no YAML') from error
     if not isinstance(document or [], list):
@@ -97,7 +98,7 @@ def parse_profile(item: object) -> QosProfile:
 def read_overrides(path: Path) -> dict[str, QosProfile]:
     """QoS profiles by topic name from a YAML file as rosbag2 takes it; raises BagError."""
     try:
-        document = yaml.safe_load(path.read_text())
+        document = bounded_yaml.load(path.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         reason = str(error).splitlines()[0]
         raise BagError(f'{path}: the QoS overrides cannot be read ({reason})') from error

@@ -17,6 +17,7 @@ import numpy as np
 import yaml
 
 from barrett_hand_bridge.emulator.geometry import Vector, dot, scale, subtract, unit
+from grasp_common import bounded_yaml
 
 
 class SqueezeError(ValueError):
@@ -227,7 +228,7 @@ def read_squeezed(path: Path) -> Squeezed:
         SqueezeError: the file is missing or does not describe an object.
     """
     try:
-        document = yaml.safe_load(path.read_text(encoding='utf-8'))
+        document = bounded_yaml.load(path.read_text(encoding='utf-8'))
         if not isinstance(document, dict):
             raise SqueezeError(f'{path}: not a mapping')
         return _squeezed(document, path)

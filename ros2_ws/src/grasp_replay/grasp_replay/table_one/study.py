@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from grasp_common import bounded_yaml
 from grasp_replay.errors import BagError
 from grasp_replay.experiment import read_published
 from grasp_replay.table_one.ball import (
@@ -44,7 +44,7 @@ def table_one(
             f'{len(ball_rows)} and {len(can)}'
         )
     try:
-        accuracy = float(yaml.safe_load(path.read_text())['scanner']['stated_accuracy_m'])
+        accuracy = float(bounded_yaml.load(path.read_text())['scanner']['stated_accuracy_m'])
         rows = Rows(
             np.array([row['force_n'] for row in ball_rows]),
             np.array([row['measured_max_displacement_m'] for row in ball_rows]),

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import yaml
 
+from grasp_common import bounded_yaml
+
 from .shell_object import ObjectError
 
 
@@ -122,7 +124,7 @@ def read_document(path: Path) -> Entry:
     """
     try:
         text = path.read_text(encoding='utf-8')
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        node = bounded_yaml.compose(text)
     except OSError as error:
         raise ObjectError(f'{path}: {error.strerror}') from error
     except UnicodeDecodeError as error:
@@ -130,7 +132,9 @@ def read_document(path: Path) -> Entry:
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None)
         where = f', line {mark.line + 1}' if mark else ''
-        problem = getattr(error, 'problem', None) or 'a character that YAML does not allow'
+        problem = getattr(error, 'problem', None) or str(error)
+        if isinstance(error, yaml.reader.ReaderError):
+            problem = 'a character that YAML does not allow'
         raise ObjectError(f'{path}{where}: not YAML: {problem}') from error
     if node is None:
         raise ObjectError(f'{path}: the file is empty')

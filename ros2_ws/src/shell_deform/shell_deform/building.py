@@ -10,6 +10,7 @@ import numpy.typing as npt
 from numpy.typing import NDArray
 
 from shell_deform.assemble.discretisation import Discretisation, discretise
+from shell_deform.assemble.thick import thick_shell
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
 from shell_deform.objects import ObjectError, ShellObject, Support, object_mesh
@@ -23,6 +24,7 @@ from shell_deform.supports import (
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.surface.outer_ring import extended
+from shell_deform.theory import THICK
 from shell_deform.theory.gas import Gas
 from shell_deform.theory.material import Material
 
@@ -54,7 +56,11 @@ def model_on_mesh(
     thickness: float | Array = shell_object.thickness_m
     if shell_object.vertex_thickness_m is not None:
         thickness = extended(shell_object.vertex_thickness_m, mesh)
-    shell = discretise(mesh, material, thickness)
+    shell = (
+        thick_shell(mesh, material, thickness)
+        if theory == THICK
+        else discretise(mesh, material, thickness)
+    )
     parts: list[SupportRows] = []
     for support in shell_object.supports:
         parts.extend(_support_rows(shell_object, shell, support))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -11,6 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from shell_deform.assemble.discretisation import Discretisation
+from shell_deform.assemble.thick import Stamp, ThickShell
 from shell_deform.contact.loads import ContactPatch, LoadError, contact_patch
 from shell_deform.contact.pads import Pad
 from shell_deform.supports import (
@@ -20,7 +22,7 @@ from shell_deform.supports import (
     rigid_modes,
 )
 from shell_deform.surface.limit import LimitSurface
-from shell_deform.theory import THEORIES
+from shell_deform.theory import THEORY_NAMES, THICK, is_linear
 from shell_deform.theory.gas import Gas
 
 Array = NDArray[np.float64]
@@ -72,8 +74,10 @@ class ShellModel:
     pressure: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.theory not in THEORIES:
-            raise ValueError(f'theory is {self.theory!r}; choose one of {sorted(THEORIES)}')
+        if self.theory not in THEORY_NAMES:
+            raise ValueError(f'theory is {self.theory!r}; choose one of {list(THEORY_NAMES)}')
+        if (self.theory == THICK) != isinstance(self.shell, ThickShell):
+            raise ValueError('theory thick takes a thick shell, every other theory a thin one')
         if self.gas.is_sealed and not self.shell.mesh.is_closed:
             raise ValueError('an open surface cannot hold sealed gas; use gas kind none or open')
 
@@ -86,6 +90,25 @@ class ShellModel:
     def rest(self) -> Array:
         """Undeformed control points (n, 3) [m]."""
         return self.shell.mesh.vertices
+
+    @property
+    def start(self) -> Array:
+        """All unknowns of the undeformed shell, rows of three; the control points come first."""
+        return self.shell.start
+
+    def on_contacts(self, contacts: Sequence[ContactPatch]) -> ShellModel:
+        """This model where the contacts of a load case are part of the discretisation.
+
+        A thick wall carries its pins as unknowns of its own; other walls stay as they are. Raises
+        LoadError for pads, which press on thin walls only.
+        """
+        if not isinstance(self.shell, ThickShell):
+            return self
+        if any(contact.pad is not None for contact in contacts):
+            raise LoadError('theory thick takes pins; choose theory koiter for pads')
+        stamps = [Stamp(contact.point, contact.axis, contact.radius) for contact in contacts]
+        shell = self.shell.with_stamps(stamps)
+        return self if shell is self.shell else replace(self, shell=shell)
 
     @cached_property
     def rest_volume(self) -> float:
@@ -134,14 +157,15 @@ class ShellModel:
             values += self.supports.stiffness_values(shell)
         spring = IDLE_STIFFNESS * float(np.median(self._own_stiffness))
         matrix = shell.pattern.matrix(values)
-        for dof in (3 * self._idle[:, None] + np.arange(3)).ravel():
+        idle = (3 * self._idle[:, None] + np.arange(3)).ravel()
+        for dof in [*idle, *self.shell.idle_dofs]:
             values[diagonal_entry(matrix, int(dof))] += spring
         return values
 
     @cached_property
     def _own_stiffness(self) -> Array:
         """(n,) stiffness of each control point by itself, at rest [N/m]."""
-        values = self.shell.tangent('koiter', self.rest)[2]
+        values = self.shell.tangent('koiter', self.start)[2]
         return np.asarray(self.shell.pattern.matrix(values).diagonal()).reshape(-1, 3).sum(axis=1)
 
     @cached_property
@@ -153,22 +177,23 @@ class ShellModel:
     @cached_property
     def free_modes(self) -> Array:
         """Orthonormal rigid motions (N, k) that no support prevents."""
-        modes = rigid_modes(self.rest)
+        modes = self.shell.extended_modes(rigid_modes(self.rest))
         if self.supports is None:
             return modes
-        return free_rigid_modes(modes, self.supports.dense(len(self.rest)))
+        return free_rigid_modes(modes, self.supports.dense(len(self.start)))
 
     @cached_property
     def springs(self) -> NDArray[np.int64]:
         """Dofs that, once fixed, leave no rigid motion."""
-        modes = self.free_modes.copy().reshape(len(self.rest), 3, -1)
+        modes = self.free_modes.copy().reshape(len(self.start), 3, -1)
         modes[self._idle] = 0.0
-        return isostatic_dofs(modes.reshape(3 * len(self.rest), -1))
+        modes[len(self.rest) :] = 0.0
+        return isostatic_dofs(modes.reshape(3 * len(self.start), -1))
 
     @cached_property
     def rest_tangent(self) -> Tangent:
         """Tangent at the undeformed shape: all that linear theory needs."""
-        return self._nonlinear_tangent(self.rest)
+        return self._nonlinear_tangent(self.start)
 
     def tangent(
         self, positions: Array, target: Array | None = None, moved: Array | None = None
@@ -179,7 +204,7 @@ class ShellModel:
         (n, 3): positions - rest, where it is known to more digits than the difference has: stiff
         support springs feel them.
         """
-        if not THEORIES[self.theory].is_linear:
+        if not is_linear(self.theory):
             return self._nonlinear_tangent(positions, target, moved)
         rest = self.rest_tangent
         energy, gradient = self._linear_gradient(positions, target)
@@ -194,7 +219,7 @@ class ShellModel:
 
         `target` and `moved` as in `tangent`.
         """
-        if THEORIES[self.theory].is_linear:
+        if is_linear(self.theory):
             return self._linear_gradient(positions, target)
         energy, gradient = self.shell.gradient(self.theory, positions)
         if self.gas.is_sealed or self.pressure:
@@ -202,7 +227,7 @@ class ShellModel:
             energy += self._gas_energy(volume)
             gradient -= self.overpressure(volume) * row
         if self.supports is not None:
-            moved = positions - self.rest if moved is None else moved
+            moved = positions - self.start if moved is None else moved
             energy += self.supports.energy(moved, target)
             gradient += self.supports.force(moved, target)
         return energy, gradient.reshape(-1)
@@ -247,7 +272,7 @@ class ShellModel:
             gradient -= pressure * row
             energy += self._gas_energy(volume)
         if self.supports is not None:
-            moved = positions - self.rest if moved is None else moved
+            moved = positions - self.start if moved is None else moved
             energy += self.supports.energy(moved, target)
             gradient += self.supports.force(moved, target)
         data += self._fixed_values

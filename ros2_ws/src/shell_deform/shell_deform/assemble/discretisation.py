@@ -19,6 +19,7 @@ from shell_deform.assemble import plain
 from shell_deform.assemble.shell_points import ShellPoints
 from shell_deform.compiled.cache import HAVE_NUMBA
 from shell_deform.surface.control_mesh import ControlMesh
+from shell_deform.surface.limit import LimitSurface
 from shell_deform.surface.loop_basis import QuadratureBasis, quadrature_basis
 from shell_deform.theory import THEORIES
 from shell_deform.theory.material import Material
@@ -49,6 +50,42 @@ class Discretisation(ShellPoints):
     def stiffened(self, factor: float) -> Discretisation:
         """The same shell with `factor` times the modulus, to which the wall is proportional."""
         return replace(self, membrane=factor * self.membrane, bending=factor * self.bending)
+
+    @property
+    def start(self) -> Array:
+        """All unknowns of the undeformed shell, rows of three: here its control points [m]."""
+        return self.mesh.vertices
+
+    @property
+    def places(self) -> Array:
+        """(rows, 3) where the unknowns are, for orderings [m]."""
+        return self.mesh.vertices
+
+    @property
+    def idle_dofs(self) -> Index:
+        """Unknowns that nothing depends on."""
+        return np.zeros(0, dtype=np.int64)
+
+    def extended_modes(self, modes: Array) -> Array:
+        """Rigid motions (3 n, k) of the control points as motions of all unknowns."""
+        return modes
+
+    def settled(self, positions: Array) -> Array:
+        """The unknowns with what is found point by point brought up to date after a step."""
+        return positions
+
+    def outer_face(self, positions: Array) -> Array:
+        """(n, 3) points of the outer face over the limit positions of the vertices [m]."""
+        surface = LimitSurface(self.mesh)
+        half = 0.5 * np.asarray(self._vertex_wall)[:, None]
+        return surface.limit_positions(positions) + half * surface.vertex_normals(positions)
+
+    @property
+    def _vertex_wall(self) -> Array:
+        """(n,) wall thickness at the vertices, from the nearest quadrature points [m]."""
+        matrix = self.value_matrix().T
+        total = np.asarray(matrix.sum(axis=1)).ravel()
+        return np.asarray(matrix @ self.thickness) / np.where(total > 0, total, 1.0)
 
     def derivatives(self, positions: Array) -> Array:
         """Derivative vectors q (p, 5, 3) of control positions (n, 3) at every point."""

@@ -23,6 +23,7 @@ from shell_deform.compiled.cache import HAVE_NUMBA, cache_folder, kernel_sources
 # What most kernels need, then what one process compiles in one go, the longest first.
 COMMON = ('shell_deform.compiled.kernel_arrays', 'shell_deform.factor.blas')
 KERNELS = (
+    'shell_deform.assemble.thick_kernels',
     'shell_deform.factor.fronts',
     'shell_deform.assemble.kernels',
     'shell_deform.factor.symbolic',

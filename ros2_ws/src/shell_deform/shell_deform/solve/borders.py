@@ -10,6 +10,8 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from shell_deform.assemble.thick import ThickShell
+from shell_deform.contact.loads import ContactPatch
 from shell_deform.contact.pad_contact import PadField, pad_field
 from shell_deform.factor.base import Factor
 from shell_deform.factor.bordered import BorderedFactor
@@ -35,6 +37,8 @@ class Borders:
             the push an unknown: pins only, since a pad pushes by itself.
         loose: (N, l) rigid motions that only the pads prevent, and only while they touch.
         pads: the case's rigid pads, in the order of its contacts, or None.
+        pattern: (3 n, k) nodal forces on the control points that unit pushes amount to, where
+            they work on other unknowns; None where that is `push`.
     """
 
     push: Array
@@ -44,6 +48,7 @@ class Borders:
     driven: NDArray[np.bool_]
     loose: Array
     pads: PadField | None = None
+    pattern: Array | None = None
 
     @property
     def unknown_pushes(self) -> Array:
@@ -54,20 +59,23 @@ class Borders:
 def borders(model: ShellModel, case: LoadCase) -> Borders:
     """Rows and patterns of a load case, with the rigid motions nothing else prevents."""
     contacts = case.contacts
-    size = model.rest.shape
-    count = 3 * len(model.rest)
+    size = model.start.shape
+    count = 3 * len(model.start)
     push = np.zeros((count, len(contacts)))
     measure = np.zeros((count, len(contacts)))
+    pattern = np.zeros((3 * len(model.rest), len(contacts)))
     held: list[Array] = []
-    dead = np.zeros(size) if case.dead_load is None else case.dead_load.copy()
+    dead = np.zeros(size)
+    if case.dead_load is not None:
+        dead[: len(case.dead_load)] = case.dead_load
     for i, contact in enumerate(contacts):
         if contact.pad is None:
-            push[:, i] = contact.force_pattern(contact.axis).reshape(-1)
-            measure[:, i] = contact.displacement_row().reshape(-1)
+            push[:, i], measure[:, i] = pin_rows(model, i, contact)
+            pattern[:, i] = contact.force_pattern(contact.axis).reshape(-1)
         if case.held:
-            held.extend(row.reshape(-1) for row in contact.held_rows())
+            held.extend(_padded(row, count) for row in contact.held_rows())
         if case.lateral is not None:
-            dead += contact.force_pattern(case.lateral[i])
+            dead[: len(model.rest)] += contact.force_pattern(case.lateral[i])
     rows = np.stack(held, axis=1) if held else np.zeros((count, 0))
     rows = _independent(rows)
     pads = {i: contact.pad for i, contact in enumerate(contacts) if contact.pad is not None}
@@ -76,7 +84,8 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
     left = free_rigid_modes(model.free_modes, grip, GRIP_TOLERANCE)
     loose = np.zeros((count, 0))
     pushed = [
-        contacts[i].displacement_row().reshape(-1) for i in np.flatnonzero(case.driven & ~driven)
+        _padded(contacts[i].displacement_row(), count)
+        for i in np.flatnonzero(case.driven & ~driven)
     ]
     if pushed and left.shape[1]:
         all_left = left
@@ -92,7 +101,30 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
         driven=driven,
         loose=loose,
         pads=pad_field(model.shell, model.surface, pads, case.driven),
+        pattern=pattern if isinstance(model.shell, ThickShell) else None,
     )
+
+
+def pin_rows(model: ShellModel, number: int, contact: ContactPatch) -> tuple[Array, Array]:
+    """What a unit push of pin `number` works on (N,), and its displacement as a row (N,).
+
+    A thin wall is pushed and measured where the contact says; on a thick one the pin is an unknown
+    of its own, its travel.
+    """
+    count = 3 * len(model.start)
+    if isinstance(model.shell, ThickShell):
+        row = np.zeros(count)
+        row[3 * (model.shell.first_pin + number)] = 1.0
+        return row, row
+    return (
+        contact.force_pattern(contact.axis).reshape(-1),
+        contact.displacement_row().reshape(-1),
+    )
+
+
+def _padded(row: Array, count: int) -> Array:
+    """A row on the control points as one on all `count` unknowns."""
+    return np.concatenate([row.reshape(-1), np.zeros(count - row.size)])
 
 
 def bordered(

@@ -80,12 +80,16 @@ def follow_path(
     below `options.smallest_step` does not converge.
     """
     case.refuse_pads('arc length')
+    solver.take(solver.model.on_contacts(case.contacts))
     edge = borders(solver.model, forced(case.contacts, case.force))
     if case.dead_load is not None:
-        edge = replace(edge, dead=edge.dead + case.dead_load.reshape(-1))
+        dead = edge.dead.copy()
+        dead[: case.dead_load.size] += case.dead_load.reshape(-1)
+        edge = replace(edge, dead=dead)
     load = edge.push @ case.force + edge.dead
     ray = Ray(np.zeros_like(load), load, np.zeros_like(case.force), case.force)
-    return _follow(solver, edge, ray, options, start or solver.rest(), until)
+    state = solver.met(start or solver.rest())
+    return _follow(solver, edge, ray, options, state, until)
 
 
 def carried_on(
@@ -98,12 +102,13 @@ def carried_on(
     one before the fall. One behind a snap is the next on the path; a jump under dead load may
     land on another.
     """
-    dead = here.dead_load if len(here.dead_load) else np.zeros_like(goal.dead)
+    dead = np.zeros_like(goal.dead)
+    dead[: len(here.dead_load)] = here.dead_load
     base = edge.push @ here.force + dead
     ray = Ray(base, edge.push @ goal.force + goal.dead - base, here.force, goal.force - here.force)
     wall = float(solver.model.shell.thickness.max())
     tangent = solver.respond(here, edge, ray.load[:, None])[:, 0]
-    whole = float(np.linalg.norm(tangent)) / np.sqrt(len(solver.model.rest))
+    whole = float(np.linalg.norm(tangent)) / np.sqrt(len(solver.model.start))
     first = float(np.clip(FIRST_SHARE * whole, SHORTEST * wall, LONGEST_FIRST * wall))
     options = ArcLengthOptions(first, LONGEST * wall, SHORTEST * wall, MOST_POINTS)
     path = _follow(solver, edge, ray, options, here, 1.0)
@@ -129,15 +134,15 @@ def _follow(
 ) -> Path:
     """Points on the path of `ray` from `state`, where its factor is 0."""
     model, load = solver.model, ray.load
-    count = len(model.rest)
+    count = len(model.start)
     step = options.first_step
     direction = _unit(solver.respond(state, edge, load[:, None])[:, 0], count)
     points: list[PathPoint] = []
     message = ''
     while len(points) < options.points:
         driven = _along(edge, load, direction / count)
-        position = float(driven.measure[:, 0] @ (state.positions - model.rest).reshape(-1))
-        guess = state.positions + step * direction.reshape(-1, 3)
+        position = float(driven.measure[:, 0] @ (state.unknowns - model.start).reshape(-1))
+        guess = state.unknowns + step * direction.reshape(-1, 3)
         found = solver.step(
             driven,
             StepLoads(np.zeros(1), np.array([position + step]), ray.dead, state.support_target),
@@ -151,12 +156,12 @@ def _follow(
                 message = f'{found.message} at load factor {factor:.4g}'
                 break
             continue
-        direction = _unit((found.positions - state.positions).reshape(-1), count)
+        direction = _unit((found.unknowns - state.unknowns).reshape(-1), count)
         factor = float(found.force[0])
         state = replace(
             found,
             force=ray.force + factor * ray.more,
-            displacement=edge.measure.T @ (found.positions - model.rest).reshape(-1),
+            displacement=edge.measure.T @ (found.unknowns - model.start).reshape(-1),
         )
         points.append(PathPoint(factor, state))
         if factor >= until:
@@ -179,5 +184,5 @@ def _along(edge: Borders, load: Array, measure: Array) -> Borders:
 
 
 def _unit(direction: Array, count: int) -> Array:
-    """Scaled to a root-mean-square displacement of one per control point."""
+    """Scaled to a root-mean-square displacement of one per row of unknowns."""
     return direction * np.sqrt(count) / float(np.linalg.norm(direction))

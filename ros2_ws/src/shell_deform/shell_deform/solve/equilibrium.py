@@ -95,7 +95,7 @@ def displaced(contacts: tuple[ContactPatch, ...], displacement: Array | list[flo
 
 @dataclass(frozen=True)
 class PathState:
-    """A passed state: what was prescribed (k,) [m] or [N], and the control points (n, 3) [m]."""
+    """A passed state: what was prescribed (k,) [m] or [N], and all its unknowns [m]."""
 
     control: Array
     positions: Array
@@ -124,6 +124,7 @@ class Equilibrium:
         pad_load: (3 n,) what the rigid pads push with [N]; empty for none.
         support_target: where support conditions were moved to [m], or None.
         history: up to three states that led here, this one last.
+        wall: (., 3) unknowns beside the control points, see `ThickShell`; none in a thin wall.
     """
 
     converged: bool
@@ -145,6 +146,12 @@ class Equilibrium:
     pad_load: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     support_target: Array | None = field(default=None, repr=False)
     history: tuple[PathState, ...] = field(default=(), repr=False)
+    wall: Array = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
+
+    @property
+    def unknowns(self) -> Array:
+        """All unknowns, rows of three; the control points come first."""
+        return np.concatenate([self.positions, self.wall])
 
     @property
     def stable(self) -> bool | None:

@@ -18,7 +18,7 @@ from shell_deform.solve.equilibrium import End, Equilibrium, LoadCase, PathState
 from shell_deform.solve.newton_step import NewtonOptions, StepSolver
 from shell_deform.solve.pads import pressed_tangent
 from shell_deform.solve.prediction import StepLoads, control_of, predicted
-from shell_deform.theory import THEORIES
+from shell_deform.theory import is_linear
 
 __all__ = ['EquilibriumSolver', 'NewtonOptions']
 
@@ -38,7 +38,8 @@ class EquilibriumSolver(StepSolver):
 
     def solve(self, case: LoadCase, start: Equilibrium | None = None) -> Equilibrium:
         """Equilibrium under `case`, from `start` (default: rest), by as few steps as converge."""
-        if THEORIES[self.model.theory].is_linear and not case.padded.any():
+        self.take(self.model.on_contacts(case.contacts))
+        if is_linear(self.model.theory) and not case.padded.any():
             return self._solve_linear(case)
         start = start or self.rest()
         edge = borders(self.model, case)
@@ -62,7 +63,7 @@ class EquilibriumSolver(StepSolver):
             iterations += found.iterations
             factorisations += found.factorisations
             if found.converged:
-                passed = PathState(control, found.positions)
+                passed = PathState(control, found.unknowns)
                 here = replace(found, history=(*here.history, passed)[-3:])
                 fraction = trial
                 step *= 1.6
@@ -175,7 +176,8 @@ class EquilibriumSolver(StepSolver):
 
     def _loads_of(self, here: Equilibrium, case: LoadCase) -> StepLoads:
         """What the state `here` carries, seen with the contacts of `case`."""
-        dead = here.dead_load if len(here.dead_load) else np.zeros(3 * len(self.model.rest))
+        dead = np.zeros(3 * len(self.model.start))
+        dead[: len(here.dead_load)] = here.dead_load
         return StepLoads(
             np.where(case.driven, 0.0, here.force),
             np.where(case.driven, here.displacement, 0.0),
@@ -185,7 +187,8 @@ class EquilibriumSolver(StepSolver):
 
     def _on_contacts(self, start: Equilibrium, case: LoadCase, edge: Borders) -> Equilibrium:
         """The start state seen with the contacts of `case`."""
-        moved = edge.measure.T @ (start.positions - self.model.rest).reshape(-1)
+        start = self.met(start)
+        moved = edge.measure.T @ (start.unknowns - self.model.start).reshape(-1)
         same = len(start.force) == len(case.contacts)
         return replace(
             start,
@@ -196,7 +199,8 @@ class EquilibriumSolver(StepSolver):
 
     def _unbalance(self, edge: Borders, state: Equilibrium) -> Array:
         """Resultant and moment of the applied loads about the origin."""
-        carried = edge.push @ state.force + edge.dead
+        push = edge.push if edge.pattern is None else edge.pattern
+        carried = push @ state.force + edge.dead[: len(push)]
         if len(state.pad_load):
             carried = carried + state.pad_load
         carried = carried.reshape(-1, 3)
@@ -210,7 +214,7 @@ class EquilibriumSolver(StepSolver):
         negative and one positive.
         """
         symmetric = replace(edge, measure=-edge.push)
-        tangent = self.model.tangent(state.positions)
+        tangent = self.model.tangent(state.unknowns)
         if edge.pads is not None:
             press = edge.pads.press(state.positions, state.displacement, state.force)
             tangent = pressed_tangent(tangent, edge.pads, press)

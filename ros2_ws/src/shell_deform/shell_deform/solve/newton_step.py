@@ -73,10 +73,22 @@ class StepSolver:
         self._symbolic: SymbolicFactor | None = None
         self._wall = float(model.shell.thickness.max())
 
+    def met(self, start: Equilibrium) -> Equilibrium:
+        """The state with as many unknowns beside its control points as this model has."""
+        count = len(self.model.start) - len(self.model.rest)
+        if len(start.wall) == count:
+            return start
+        return replace(start, wall=np.zeros((count, 3)), history=())
+
+    def take(self, model: ShellModel) -> None:
+        """Go on with this model of the same shell; another discretisation is analysed anew."""
+        if model is not self.model:
+            self.model, self._symbolic = model, None
+
     def factor(self, matrix: sp.csr_matrix) -> Factor:
         """Factorise a stiffness (springs added), reusing the symbolic analysis."""
         if self._symbolic is None:
-            self._symbolic = analyse(matrix, self.model.rest, block=3)
+            self._symbolic = analyse(matrix, self.model.shell.places, block=3)
         return factorise(self._symbolic, matrix)
 
     def system(self, tangent: Tangent, edge: Borders) -> BorderedFactor:
@@ -103,7 +115,7 @@ class StepSolver:
 
     def respond(self, state: Equilibrium, edge: Borders, loads: Array) -> Array:
         """Displacements (N, k) per unit of the loads (N, k), by the tangent at `state`."""
-        system = self.system(self.model.tangent(state.positions), edge)
+        system = self.system(self.model.tangent(state.unknowns), edge)
         return system.solve(loads)[0]
 
     def step(
@@ -121,8 +133,8 @@ class StepSolver:
         model, options = self.model, self.options
         force, moved, dead = loads.force, loads.moved, loads.dead
         fixed_push = edge.push[:, ~edge.driven] @ force[~edge.driven] + dead
-        positions = here.positions if guess is None else guess
-        free = (positions - model.rest).reshape(-1)
+        positions = here.unknowns if guess is None else guess
+        free = (positions - model.start).reshape(-1)
         unknown = int(edge.driven.sum())
         state = here
         system: BorderedFactor | None = None
@@ -167,7 +179,8 @@ class StepSolver:
                 message = f'an iteration moved the surface by {1e3 * largest:.1f} mm'
                 break
             free = free + step
-            positions = model.rest + free.reshape(-1, 3)
+            positions = model.shell.settled(model.start + free.reshape(-1, 3))
+            free = (positions - model.start).reshape(-1) if model.start is not model.rest else free
             energy, gradient = model.gradient(positions, loads.target, free.reshape(-1, 3))
             if pads is not None and press is not None and pressed is not None:
                 press = pads.press(positions, pressed.follow(press, step), force)
@@ -196,7 +209,8 @@ class StepSolver:
                     message='the linear system is singular'
                     if linear and residual >= LINEAR_RESIDUAL
                     else '',
-                    positions=positions,
+                    positions=positions[: len(model.rest)],
+                    wall=positions[len(model.rest) :],
                     force=pushes,
                     displacement=edge.measure.T @ free,
                     multipliers=multipliers,
@@ -206,7 +220,7 @@ class StepSolver:
                     residual=residual,
                     iterations=iterations,
                     factorisations=factorisations,
-                    dead_load=dead,
+                    dead_load=dead[: 3 * len(model.rest)],
                     support_target=loads.target,
                 )
                 return (
@@ -246,6 +260,6 @@ class StepSolver:
             return 0.0
         if linear:
             rest = model.rest_tangent
-            change = float(rest.gas_row @ (positions - model.rest).reshape(-1))
+            change = float(rest.gas_row @ (positions - model.start).reshape(-1))
             return rest.gas_pressure - rest.gas_stiffness * change
         return model.overpressure(model.shell.volume(positions)[0])

@@ -52,7 +52,7 @@ def control_of(case: LoadCase, loads: StepLoads) -> Array:
 
 
 def predicted(here: Equilibrium, control: Array) -> Array | None:
-    """Control points expected at `control` (k,), by the parabola through the last states.
+    """All unknowns expected at `control` (k,), by the parabola through the last states.
 
     None where the path behind says nothing: too short, or a step back or aside.
     """

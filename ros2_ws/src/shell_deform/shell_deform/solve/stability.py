@@ -57,10 +57,11 @@ def snap_margin(
     way. `rest_stiffness` [N/m]: from an earlier margin with the same contacts and controls.
     """
     case.refuse_pads('the margin to snap')
+    solver.take(solver.model.on_contacts(case.contacts))
     edge = symmetric(borders(solver.model, case))
     if rest_stiffness is None:
-        rest_stiffness = smallest_stiffness(solver, edge, solver.model.rest)[0]
-    stiffness, mode, negative = smallest_stiffness(solver, edge, state.positions)
+        rest_stiffness = smallest_stiffness(solver, edge, solver.model.start)[0]
+    stiffness, mode, negative = smallest_stiffness(solver, edge, solver.met(state).unknowns)
     return SnapMargin(stiffness / rest_stiffness, stiffness, rest_stiffness, negative, mode)
 
 
@@ -72,14 +73,16 @@ def symmetric(edge: Borders) -> Borders:
 def smallest_stiffness(
     solver: EquilibriumSolver, edge: Borders, positions: Array
 ) -> tuple[float, Array, int]:
-    """Stiffness [N/m] nearest to zero at control positions (n, 3), its motion, negative modes.
+    """Stiffness [N/m] nearest to zero at the unknowns `positions`, the motion (n, 3) of
+    the control points there, and the number of negative modes.
 
     `edge` must be symmetric. A state beyond the snap has a negative one.
     """
     model = solver.model
     tangent = model.tangent(positions)
     system = solver.system(tangent, edge)
-    weight = np.repeat(np.sqrt(surface_shares(model)), 3)
+    weight = np.zeros(3 * len(model.start))
+    weight[: 3 * len(model.rest)] = np.repeat(np.sqrt(surface_shares(model)), 3)
 
     def flexibility(x: Array) -> Array:
         return weight * system.solve(weight * x.reshape(-1), refinements=0)[0]
@@ -90,7 +93,7 @@ def smallest_stiffness(
     values, vectors = sla.eigsh(operator, k=1, which='LM', v0=start, tol=TOLERANCE)
     stiffness = 1.0 / float(values[0])
     mode = stiffness * system.solve(weight * vectors[:, 0], refinements=0)[0]
-    return stiffness, mode.reshape(-1, 3), negative_directions(system, edge)
+    return stiffness, mode.reshape(-1, 3)[: len(model.rest)], negative_directions(system, edge)
 
 
 def surface_shares(model: ShellModel) -> Array:

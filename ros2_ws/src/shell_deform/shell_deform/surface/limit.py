@@ -110,6 +110,12 @@ class LimitSurface:
         first, second, gather = self._tangents
         return _unit(gather @ _unit(np.cross(first @ points, second @ points)))
 
+    def vertex_tangents(self, control_points: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Two tangents (n, 3) at every vertex, linear in the control points [m]."""
+        points = np.asarray(control_points, dtype=np.float64)
+        first, second, gather = self._tangents
+        return gather @ (first @ points), gather @ (second @ points)
+
     def evaluate(
         self, control_points: npt.ArrayLike, triangle: npt.ArrayLike, parameters: npt.ArrayLike
     ) -> SurfacePoints:

@@ -98,7 +98,10 @@ def basis_rows(mesh: ControlMesh, triangle: npt.ArrayLike, parameters: npt.Array
 
 
 def quadrature_basis(
-    mesh: ControlMesh, points_per_triangle: int = 3, refine_irregular: int = 0
+    mesh: ControlMesh,
+    points_per_triangle: int = 3,
+    refine_irregular: int = 0,
+    splits: npt.ArrayLike | None = None,
 ) -> QuadratureBasis:
     """Basis functions at the integration points of every active triangle.
 
@@ -106,14 +109,20 @@ def quadrature_basis(
         points_per_triangle: 1, 3, 6, 7 or 12 (exact to degree 1, 2, 4, 5, 6).
         refine_irregular: levels of ever smaller sub-triangles around irregular vertices; zero
             integrates triangles at irregular vertices like all others.
+        splits: (t,) how often each triangle is split in four, each with the rule of a whole one:
+            where something acts on a part of a triangle. None splits no triangle.
     """
     table = patch_table(mesh)
     active = np.flatnonzero(mesh.active)
-    kind = table.patch[active]
+    split = np.zeros(len(active), np.int64) if splits is None else np.asarray(splits)[active]
+    most = int(split.max(initial=0)) + 1
+    kind = table.patch[active].astype(np.int64) * most + split
     node_counts = np.diff(table.node_offsets)[active]
     node_offsets = np.concatenate([[0], np.cumsum(node_counts)])
     rules = {
-        index: _refined_rule(table.patches[index], points_per_triangle, refine_irregular)
+        index: _refined_rule(
+            table.patches[index // most], points_per_triangle, refine_irregular, index % most
+        )
         for index in np.unique(kind).tolist()
     }
     point_counts = np.array([len(rules[index][1]) for index in kind.tolist()], dtype=np.int64)
@@ -124,7 +133,7 @@ def quadrature_basis(
     rows = np.empty((row_offsets[-1], 6))
     parameters, weight = np.empty((len(element), 2)), np.empty(len(element))
     for index, members in _groups(kind):
-        patch, (points, weights, basis) = table.patches[index], rules[index]
+        patch, (points, weights, basis) = table.patches[index // most], rules[index]
         where = node_offsets[members][:, None] + np.arange(patch.size)
         nodes[where] = table.nodes_of(active[members])
         where = first_point[members][:, None] + np.arange(len(weights))
@@ -199,19 +208,22 @@ def _off_corner(patch: Patch, local: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=4096)
 def _refined_rule(
-    patch: Patch, points_per_triangle: int, levels: int
+    patch: Patch, points_per_triangle: int, levels: int, splits: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Points, weights and basis of one patch's integration rule, graded to irregular corners."""
-    points, weights = _graded(patch, points_per_triangle, levels)
+    points, weights = _graded(patch, points_per_triangle, levels, splits)
     return points, weights, patch_basis(patch, points)
 
 
-def _graded(patch: Patch, count: int, levels: int) -> tuple[FloatArray, FloatArray]:
-    if levels == 0 or patch.is_regular:
+def _graded(patch: Patch, count: int, levels: int, splits: int) -> tuple[FloatArray, FloatArray]:
+    """Rule of a patch split `splits` times, then towards its irregular corners `levels` times."""
+    if splits == 0 and (levels == 0 or patch.is_regular):
         return triangle_rule(count)
+    pieces = [patch] * 4 if patch.is_regular else [piece for piece, _ in patch.children]
     points, weights = [], []
-    for index, (piece, _) in enumerate(patch.children):
-        inner, inner_weights = _graded(piece, count, levels - 1)
+    for index, piece in enumerate(pieces):
+        deeper = (levels, splits - 1) if splits else (levels - 1, 0)
+        inner, inner_weights = _graded(piece, count, *deeper)
         points.append((inner - CHILD_SHIFT[index]) / CHILD_SCALE[index])
         weights.append(0.25 * inner_weights)
     return np.concatenate(points), np.concatenate(weights)

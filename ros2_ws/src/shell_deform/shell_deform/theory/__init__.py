@@ -44,3 +44,14 @@ THEORIES = {
     ),
     'koiter': Theory(3, koiter.strains, koiter.jacobian, koiter.hessian),
 }
+
+THICK = 'thick'
+"""Transverse shear, changing thickness and a neo-Hookean wall: `thick_law_kernels`."""
+
+THEORY_NAMES = (*sorted(THEORIES), THICK)
+"""Every theory a model can have."""
+
+
+def is_linear(theory: str) -> bool:
+    """Whether a theory is linear in the displacement."""
+    return theory in THEORIES and THEORIES[theory].is_linear

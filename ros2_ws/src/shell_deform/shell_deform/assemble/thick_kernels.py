@@ -1,0 +1,485 @@
+"""Compiled loops over the quadrature points of a thick shell: energy, gradient, tangent stiffness.
+
+The unknowns are rows of three: control points [m], then shear nodes (two components in the
+tangent plane of a control vertex [m], the third idle), then pins (travel and two tilts [m]), then
+contact pressures, three to a row, which no equation of this matrix contains: they are eliminated
+point by point. An element lists its control points, then its shear nodes, then the pins on it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from shell_deform.assemble.kernels import (
+    add_gas_response,
+    add_rows,
+    gather_derivatives,
+    gather_place,
+    mirror,
+    respond,
+    scatter_force,
+)
+from shell_deform.compiled.kernel_arrays import float_rows, floats
+from shell_deform.compiled.kernel_types import (
+    Bool,
+    FixedFloatRows,
+    Float,
+    FloatRows,
+    Floats,
+    Int,
+    Ints,
+    Longs,
+    Void,
+    kernel,
+)
+from shell_deform.theory.thick_law_kernels import (
+    eliminate_thickness,
+    solve_thickness,
+    wall_stress,
+)
+from shell_deform.theory.thick_strain_kernels import (
+    add_director_hessian,
+    add_metric_hessian,
+    director_numbers,
+    metric_numbers,
+)
+
+PointWork = types.Tuple(
+    (
+        Floats, FloatRows, FloatRows, Floats, FloatRows, FloatRows, FloatRows, Floats, FloatRows,
+        Floats, FloatRows, FloatRows, FloatRows, FloatRows, Floats,
+    )
+)  # fmt: skip
+
+ThickElements = types.Tuple((Longs, Longs, Longs, Longs, Longs, Longs))
+"""First node of each element, nodes, control points and shear nodes of each, first point, row."""
+
+ThickPoints = types.Tuple((FloatRows, Floats, Floats, FloatRows, Floats, Longs, FloatRows))
+"""Rows, values, weights, rest curvature K, thickness, first shear row, shear rows (., 12)."""
+
+Stamps = types.Tuple((Longs, FloatRows, Floats, FloatRows, Longs))
+"""Stamp point of each point (or -1); of each: axis, rest height, arms of tilt, pressure dof."""
+
+ThickMaterial = types.Tuple((Float, Float, Float, Float))
+"""Shear modulus [Pa], bulk modulus [Pa], pressure per unknown [Pa/m], compliance added [m/Pa]."""
+
+
+@kernel(PointWork)
+def point_work() -> Any:
+    """Work space of `wall_point`."""
+    return (
+        floats(12, 0.0), float_rows(12, 21), float_rows(10, 3), floats(12, 0.0),
+        float_rows(12, 12), float_rows(9, 12), float_rows(5, 3), floats(2, 0.0),
+        float_rows(31, 6), floats(12, 0.0), float_rows(14, 14), float_rows(2, 12),
+        float_rows(12, 12), float_rows(12, 21), floats(12, 0.0),
+    )  # fmt: skip
+
+
+@kernel(
+    Void, FloatRows, Floats, Floats, Int, Int, Int, Bool, FloatRows, FloatRows, FloatRows,
+    PointWork,
+)  # fmt: skip
+def _set_hessian(
+    q: Any, shear: Any, axis: Any, numbers: int, strains: int, unknowns: int, sheared: bool,
+    hessian: Any, hess_m: Any, mixed: Any, work: Any,
+) -> None:  # fmt: skip
+    """The Hessian of `wall_point`: J^T D J and the curvature of the strains themselves."""
+    m, jac_m, turned, s, jac_s, between, inner, lk, solve, stress, tangent, follow = work[:12]
+    by_m = work[14]
+    hess_m[:, :] = 0.0
+    for k in range(strains):
+        for j in range(numbers):
+            value = 0.0
+            for i in range(strains):
+                value += tangent[k, i] * jac_s[i, j]
+            mixed[k, j] = value
+    for i in range(numbers):
+        for j in range(numbers):
+            value = 0.0
+            for k in range(strains):
+                value += jac_s[k, i] * mixed[k, j]
+            hess_m[i, j] = value
+    add_metric_hessian(m, stress, between, inner, sheared, hess_m)
+    for k in range(numbers):
+        row = mixed[k]
+        for j in range(unknowns):
+            row[j] = 0.0
+        for i in range(numbers):
+            factor, source = hess_m[k, i], jac_m[i]
+            for j in range(unknowns):
+                row[j] += factor * source[j]
+    hessian[:, :] = 0.0
+    for k in range(numbers):
+        source = mixed[k]
+        for i in range(unknowns):
+            factor = jac_m[k, i]
+            if factor != 0.0:
+                row = hessian[i]
+                for j in range(unknowns):
+                    row[j] += factor * source[j]
+    for j in range(numbers):
+        value = 0.0
+        for k in range(strains):
+            value += stress[k] * jac_s[k, j]
+        by_m[j] = value
+    for j in range(numbers, 12):
+        by_m[j] = 0.0
+    add_director_hessian(q, shear, axis, by_m, jac_m, turned, hessian)
+
+
+@kernel(
+    Float, FloatRows, Floats, Floats, Floats, Float, Float, Float, Float, Bool, Bool, Bool,
+    Floats, FloatRows, Floats, Floats, PointWork,
+)  # fmt: skip
+def wall_point(
+    q: Any, shear: Any, axis: Any, curvature: Any, h: float, modulus: float, bulk: float,
+    push: float, sheared: bool, pressed: bool, stiff: bool, force: Any, hessian: Any, reach: Any,
+    face: Any, work: Any,
+) -> float:  # fmt: skip
+    """Strain energy of a point per middle area; NaN where its wall has no equilibrium.
+
+    `force` (21,) and, if `stiff`, `hessian` (21, 21): its derivatives by (q, shear). `pressed`:
+    under the pressure `push` of a pin along `axis`; `reach` (21,) is then the derivative of the
+    outer face's height over the middle surface. `face`: lambda, kappa, that height [m], and the
+    squeeze compliance of the point [m/Pa].
+    """
+    m, jac_m, turned, s, jac_s, between, inner, lk, solve, stress, tangent, follow = work[:12]
+    hess_m, mixed, by_m = work[12], work[13], work[14]
+    numbers = 12 if pressed else (11 if sheared else 7)
+    strains = 12 if pressed else (11 if sheared else 9)
+    unknowns = 21 if sheared else 15
+    director_numbers(q, shear, axis, m, jac_m, turned)
+    metric_numbers(m, s, jac_s, between, inner)
+    lk[0], lk[1] = 1.0, 0.0
+    energy = solve_thickness(s, curvature, h, modulus, bulk, push, s[11], lk, solve)
+    if not np.isfinite(energy):
+        return np.nan
+    energy = wall_stress(s, curvature, h, modulus, bulk, push, s[11], lk, stress, tangent, solve)
+    top = h * (0.5 * lk[0] + 0.25 * lk[1])
+    face[0], face[1], face[2], face[3] = lk[0], lk[1], s[11] * top, 0.0
+    for j in range(numbers):
+        value = 0.0
+        for k in range(strains):
+            value += stress[k] * jac_s[k, j]
+        by_m[j] = value
+    for j in range(unknowns):
+        value = 0.0
+        for k in range(numbers):
+            value += by_m[k] * jac_m[k, j]
+        force[j] = value
+    if pressed or stiff:
+        eliminate_thickness(strains, tangent, follow)
+    if pressed:
+        p, c, r = tangent[12, 12], tangent[12, 13], tangent[13, 13]
+        half, quarter = 0.5 * h, 0.25 * h
+        face[3] = s[11] ** 2 * (
+            (r * half * half - 2.0 * c * half * quarter + p * quarter * quarter) / (p * r - c * c)
+        )
+        for j in range(numbers):
+            value = top * jac_s[11, j]
+            for k in range(strains):
+                value -= s[11] * (half * follow[0, k] + quarter * follow[1, k]) * jac_s[k, j]
+            by_m[j] = value
+        for j in range(unknowns):
+            value = 0.0
+            for k in range(numbers):
+                value += by_m[k] * jac_m[k, j]
+            reach[j] = value
+    if stiff:
+        _set_hessian(
+            q, shear, axis, numbers, strains, unknowns, sheared, hessian, hess_m, mixed, work
+        )
+    return energy - push * s[11] * top
+
+
+@kernel(Void, Longs, FloatRows, Int, FixedFloatRows, Floats)
+def gather_shear(nodes: Any, shear_rows: Any, first: int, positions: Any, shear: Any) -> None:
+    """Shear and its derivatives (6,) at a point from the shear nodes `nodes`."""
+    for i in range(6):
+        shear[i] = 0.0
+    for k in range(len(nodes)):
+        row = shear_rows[first + k]
+        w_1, w_2 = positions[nodes[k], 0], positions[nodes[k], 1]
+        for i in range(6):
+            shear[i] += row[2 * i] * w_1 + row[2 * i + 1] * w_2
+
+
+@kernel(Void, Longs, FloatRows, Int, Float, Floats, FloatRows)
+def scatter_shear(
+    nodes: Any, shear_rows: Any, first: int, weight: float, force: Any, gradient: Any
+) -> None:
+    """Add the force (21,) on the shear of a point, its last six entries, to `gradient`."""
+    for k in range(len(nodes)):
+        row = shear_rows[first + k]
+        for a in range(2):
+            value = 0.0
+            for i in range(6):
+                value += row[2 * i + a] * force[15 + i]
+            gradient[nodes[k], a] += weight * value
+
+
+@kernel(Void, FloatRows, Int, FloatRows, Int, Int, FloatRows, FloatRows, FloatRows)
+def add_shear_stiffness(
+    rows: Any, controls: int, shear_rows: Any, first: int, shears: int, hessian: Any,
+    respond_to: Any, stiffness: Any,
+) -> None:  # fmt: skip
+    """Add a point's blocks of shear nodes with control points and with each other.
+
+    `respond_to` (., 42): forces (21,) per component of every shear node; work space.
+    """
+    for k in range(shears):
+        row = shear_rows[first + k]
+        target = respond_to[k]
+        for a in range(2):
+            for i in range(21):
+                value = 0.0
+                for j in range(6):
+                    value += hessian[i, 15 + j] * row[2 * j + a]
+                target[21 * a + i] = value
+    for k in range(controls):
+        r_0, r_1, r_2, r_3, r_4 = rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4]
+        out = stiffness[k]
+        for m in range(shears):
+            source, at = respond_to[m], 9 * (controls + m)
+            for i in range(3):
+                for a in range(2):
+                    base = 21 * a + i
+                    out[at + 3 * i + a] += (
+                        r_0 * source[base]
+                        + r_1 * source[base + 3]
+                        + r_2 * source[base + 6]
+                        + r_3 * source[base + 9]
+                        + r_4 * source[base + 12]
+                    )
+    for k in range(shears):
+        row, out = shear_rows[first + k], stiffness[controls + k]
+        for m in range(k, shears):
+            source, at = respond_to[m], 9 * (controls + m)
+            for i in range(2):
+                for a in range(2):
+                    value = 0.0
+                    for j in range(6):
+                        value += row[2 * j + i] * source[21 * a + 15 + j]
+                    out[at + 3 * i + a] += value
+
+
+@kernel(Void, FloatRows, Floats, FloatRows, Int, Int, Floats, Floats, Floats, Floats)
+def _set_reach(
+    rows: Any, values: Any, shear_rows: Any, first: int, shears: int, axis: Any, arms: Any,
+    reach: Any, spread: Any,
+) -> None:  # fmt: skip
+    """Derivative of the height of a pressed point by the unknowns of its element: `spread`."""
+    controls = len(rows)
+    for k in range(controls):
+        for i in range(3):
+            spread[3 * k + i] = (
+                values[k] * axis[i]
+                + rows[k, 0] * reach[i]
+                + rows[k, 1] * reach[3 + i]
+                + rows[k, 2] * reach[6 + i]
+                + rows[k, 3] * reach[9 + i]
+                + rows[k, 4] * reach[12 + i]
+            )
+    for k in range(shears):
+        row, at = shear_rows[first + k], 3 * (controls + k)
+        for a in range(2):
+            value = 0.0
+            for i in range(6):
+                value += row[2 * i + a] * reach[15 + i]
+            spread[at + a] = value
+        spread[at + 2] = 0.0
+    at = 3 * (controls + shears)
+    spread[at], spread[at + 1], spread[at + 2] = 1.0, arms[0], arms[1]
+
+
+@kernel(Void, Floats, Int, Float, FloatRows)
+def _add_reach_stiffness(spread: Any, nodes: int, factor: float, stiffness: Any) -> None:
+    """Add factor times spread spread^T to the blocks on and above the diagonal."""
+    for k in range(nodes):
+        out = stiffness[k]
+        for i in range(3):
+            f = factor * spread[3 * k + i]
+            for m in range(k, nodes):
+                for j in range(3):
+                    out[9 * m + 3 * i + j] += f * spread[3 * m + j]
+
+
+@kernel(Void, Longs, FloatRows, Int, Longs, Longs, Floats)
+def scatter_blocks(
+    own: Any, stiffness: Any, start: int, block_start: Any, row_length: Any, data: Any
+) -> None:
+    """Add an element's blocks on and above the diagonal to the CSR values."""
+    size = len(own)
+    for k in range(size):
+        for m in range(k, size):
+            source = stiffness[k, 9 * m : 9 * m + 9]
+            if own[k] <= own[m]:
+                at, length = block_start[start + k * size + m], row_length[own[k]]
+                for i in range(3):
+                    for j in range(3):
+                        data[at + i * length + j] += source[3 * i + j]
+            else:
+                at, length = block_start[start + m * size + k], row_length[own[m]]
+                for i in range(3):
+                    for j in range(3):
+                        data[at + i * length + j] += source[3 * j + i]
+
+
+@kernel(
+    Float, Bool, Float, ThickElements, ThickPoints, Stamps, ThickMaterial, FixedFloatRows,
+    FloatRows, Longs, Longs, Ints, Longs, Ints, Floats,
+    called_from_python=True,
+)  # fmt: skip
+def thick_tangent(
+    stiff: bool, pressure: float, elements: Any, points: Any, stamps: Any, material: Any,
+    positions: Any, gradient: Any, block_offsets: Any, block_start: Any, block_rows: Any,
+    row_length: Any, indices: Any, data: Any,
+) -> float:  # fmt: skip
+    """Strain energy [J] of the unknowns `positions`; adds its gradient to `gradient`.
+
+    Where a pin presses, the residual of the pressure's own equation is eliminated into both. If
+    `stiff`, the tangent stiffness goes into the CSR values `data` (zero before), with minus
+    `pressure` times the second derivative of the volume. NaN where a point has no equilibrium.
+    """
+    offsets, nodes, controls_of, shears_of, point_offsets, row_offsets = elements
+    rows, values, weights, curvature, thickness, shear_offsets, shear_rows = points
+    stamp_of, axes, heights, arms, dofs = stamps
+    modulus, bulk, unit, compliance = material
+    largest = 0
+    for element in range(len(offsets) - 1):
+        largest = max(largest, offsets[element + 1] - offsets[element])
+    work, x, no_axis = point_work(), floats(3, 0.0), floats(3, 0.0)
+    q, shear, face = float_rows(5, 3), floats(6, 0.0), floats(4, 0.0)
+    force, reach, hessian = floats(21, 0.0), floats(21, 0.0), float_rows(21, 21)
+    stiffness = float_rows(largest if stiff else 0, 9 * largest)
+    response, respond_to = float_rows(6, 9 * largest), float_rows(largest, 42)
+    ordered, mixed, spread = float_rows(5, 45), floats(45, 0.0), floats(3 * largest, 0.0)
+    total = 0.0
+    for element in range(len(offsets) - 1):
+        own = nodes[offsets[element] : offsets[element + 1]]
+        controls, shears, size = controls_of[element], shears_of[element], len(own)
+        corners, sheared = own[:controls], own[controls : controls + shears]
+        if stiff:
+            stiffness[:size] = 0.0
+        for p in range(point_offsets[element], point_offsets[element + 1]):
+            row = rows[row_offsets[p] : row_offsets[p + 1]]
+            value = values[row_offsets[p] : row_offsets[p + 1]]
+            weight, g, first = weights[p], stamp_of[p], shear_offsets[p]
+            gather_derivatives(corners, row, positions, q)
+            gather_shear(sheared, shear_rows, first, positions, shear)
+            push = 0.0
+            if g >= 0:
+                push = unit * positions[dofs[g] // 3, dofs[g] % 3]
+            energy = wall_point(
+                q, shear, axes[g] if g >= 0 else no_axis, curvature[p], thickness[p], modulus,
+                bulk, push, shears > 0, g >= 0, stiff, force, hessian, reach, face, work,
+            )  # fmt: skip
+            if not np.isfinite(energy):
+                return np.nan
+            total += weight * energy
+            lack = 0.0
+            if g >= 0:
+                gather_place(corners, value, positions, x)
+                pin = own[size - 1]
+                height = face[2] - heights[g] + positions[pin, 0]
+                for i in range(3):
+                    height += axes[g, i] * x[i]
+                for i in range(2):
+                    height += arms[g, i] * positions[pin, 1 + i]
+                soft = face[3] + compliance
+                lack = (height - compliance * push) / soft
+                _set_reach(row, value, shear_rows, first, shears, axes[g], arms[g], reach, spread)
+                for k in range(size):
+                    for i in range(3):
+                        gradient[own[k], i] += weight * lack * spread[3 * k + i]
+                for i in range(3):
+                    for k in range(controls):
+                        gradient[own[k], i] += weight * push * axes[g, i] * value[k]
+                gradient[pin, 0] += weight * push
+                for i in range(2):
+                    gradient[pin, 1 + i] += weight * push * arms[g, i]
+                if stiff:
+                    _add_reach_stiffness(spread, size, weight / soft, stiffness)
+            for i in range(21):
+                force[i] *= weight
+            scatter_force(corners, row, force, gradient)
+            scatter_shear(sheared, shear_rows, first, 1.0, force, gradient)
+            if not stiff:
+                continue
+            for i in range(21):
+                for j in range(21):
+                    hessian[i, j] *= weight
+            respond(row, hessian, ordered, mixed, response)
+            if pressure != 0.0:
+                gather_place(corners, value, positions, x)
+                add_gas_response(-pressure * weight / 3.0, row, value, x, q, response)
+            for k in range(controls):
+                add_rows(row[k], value[k], response, 9 * k, 9 * controls, stiffness[k])
+            if shears > 0:
+                add_shear_stiffness(
+                    row, controls, shear_rows, first, shears, hessian, respond_to, stiffness
+                )
+        if stiff:
+            scatter_blocks(own, stiffness, block_offsets[element], block_start, row_length, data)
+    if stiff:
+        mirror(block_rows, row_length, indices, data)
+    return total
+
+
+@kernel(
+    Bool, ThickElements, ThickPoints, Stamps, ThickMaterial, FixedFloatRows, Longs, Longs,
+    FloatRows,
+    called_from_python=True,
+)  # fmt: skip
+def point_states(
+    elements: Any, points: Any, stamps: Any, material: Any, positions: Any, chosen: Any,
+    element_of: Any, out: Any,
+) -> bool:  # fmt: skip
+    """What the `chosen` points say, a row (8,) of `out` each; False where one has no equilibrium.
+
+    Columns: lambda, kappa, height of the outer face along the pin's axis over where the pin is
+    [m], squeeze compliance [m/Pa], pressure [Pa], strain energy per area [J/m^2], shear g_1, g_2.
+    """
+    offsets, nodes, controls_of, shears_of, point_offsets, row_offsets = elements
+    rows, values, weights, curvature, thickness, shear_offsets, shear_rows = points
+    stamp_of, axes, heights, arms, dofs = stamps
+    modulus, bulk, unit, compliance = material
+    work, x, no_axis = point_work(), floats(3, 0.0), floats(3, 0.0)
+    q, shear, face = float_rows(5, 3), floats(6, 0.0), floats(4, 0.0)
+    force, reach, hessian = floats(21, 0.0), floats(21, 0.0), float_rows(21, 21)
+    for k in range(len(chosen)):
+        p, element = chosen[k], element_of[k]
+        own = nodes[offsets[element] : offsets[element + 1]]
+        controls, shears, size = controls_of[element], shears_of[element], len(own)
+        corners = own[:controls]
+        row = rows[row_offsets[p] : row_offsets[p + 1]]
+        g = stamp_of[p]
+        gather_derivatives(corners, row, positions, q)
+        gather_shear(
+            own[controls : controls + shears], shear_rows, shear_offsets[p], positions, shear
+        )
+        push = 0.0
+        if g >= 0:
+            push = unit * positions[dofs[g] // 3, dofs[g] % 3]
+        energy = wall_point(
+            q, shear, axes[g] if g >= 0 else no_axis, curvature[p], thickness[p], modulus, bulk,
+            push, shears > 0, g >= 0, False, force, hessian, reach, face, work,
+        )  # fmt: skip
+        if not np.isfinite(energy):
+            return False
+        height = 0.0
+        if g >= 0:
+            gather_place(corners, values[row_offsets[p] : row_offsets[p + 1]], positions, x)
+            pin = own[size - 1]
+            height = face[2] - heights[g] + positions[pin, 0]
+            for i in range(3):
+                height += axes[g, i] * x[i]
+            for i in range(2):
+                height += arms[g, i] * positions[pin, 1 + i]
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = face[0], face[1], height, face[3]
+        out[k, 4], out[k, 5] = push, energy
+        out[k, 6], out[k, 7] = work[3][9], work[3][10]
+    return True

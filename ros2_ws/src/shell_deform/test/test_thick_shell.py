@@ -1,0 +1,199 @@
+"""Theory `thick` on whole shells: derivatives, invariance, the thin limit, solids, bad input."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from shell_deform.assemble.discretisation import discretise
+from shell_deform.assemble.thick import Stamp, WallError, thick_shell
+from shell_deform.building import build_model, object_contacts, with_material
+from shell_deform.objects import load_object
+from shell_deform.solve.equilibrium import displaced, forced
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.theory.material import Material
+
+RADIUS, THICKNESS = 31.25e-3, 2.5e-3
+
+SOLID = {1.05e-3: 0.3965, 3.62e-3: 0.8979, 6.29e-3: 1.1222, 10.63e-3: 1.4567}
+"""Force [N] of a CalculiX CAX8R ball: R/h 12.5, E 1 MPa, nu 0.49, rigid pin of 1 mm, no air."""
+
+
+@pytest.fixture(scope='module')
+def ball():
+    description = load_object('tennis_ball')
+    return with_material(description, young_modulus=1e6, poisson_ratio=0.49, gas_kind='none')
+
+
+@pytest.fixture(scope='module')
+def model(ball):
+    return build_model(ball, 'thick', control_vertices=300)
+
+
+@pytest.fixture(scope='module')
+def pressed(ball, model):
+    """The model under its two pins."""
+    return model.on_contacts(object_contacts(ball, model, 1e-3))
+
+
+@pytest.fixture(scope='module')
+def squeezed(ball, model):
+    """Its equilibrium at 3 mm on either side."""
+    solver = EquilibriumSolver(model)
+    state = solver.solve(displaced(object_contacts(ball, model, 1e-3), [3e-3, 3e-3]))
+    assert state.converged
+    return solver.model, state
+
+
+def turned(count, unknowns, angle):
+    """All unknowns after a rotation about an axis through the middle, pins aside."""
+    axis = np.array([0.6, 0.0, 0.8])
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    result = unknowns.copy()
+    result[:count] = unknowns[:count] @ rotation.T
+    return result
+
+
+@pytest.mark.parametrize('degrees', [1.0, 30.0, 90.0, 180.0])
+def test_turning_a_sheared_wall_costs_nothing(degrees):
+    mesh = build_model(load_object('tennis_ball'), control_vertices=100).shell.mesh
+    shell = thick_shell(mesh, Material(1e6, 0.49), THICKNESS, everywhere=True)
+    rng = np.random.default_rng(2)
+    unknowns = shell.start.copy()
+    unknowns[: len(mesh.vertices)] *= 1.0 + 0.05 * rng.normal(size=(len(mesh.vertices), 1))
+    unknowns[len(mesh.vertices) :, :2] = 0.1 * THICKNESS * rng.normal(size=(len(shell.sheared), 2))
+    before, _ = shell.gradient('thick', unknowns)
+    after, _ = shell.gradient('thick', turned(len(mesh.vertices), unknowns, np.radians(degrees)))
+    assert after == pytest.approx(before, rel=1e-12)
+
+
+def test_a_rotation_of_the_undeformed_wall_has_no_energy_to_speak_of(model):
+    shell = model.shell
+    squeeze = shell.gradient('thick', 0.9 * shell.start)[0]
+    for degrees in (1.0, 60.0, 180.0):
+        energy = shell.gradient(
+            'thick', turned(len(model.rest), shell.start, np.radians(degrees))
+        )[0]
+        assert abs(energy) < 1e-12 * squeeze
+
+
+def test_the_tangent_is_the_derivative_of_the_gradient_with_the_pressures_following(pressed):
+    shell = pressed.shell
+    rng = np.random.default_rng(4)
+    own = len(pressed.rest) + len(shell.sheared) + len(shell.stamps)
+
+    def settled(unknowns):
+        for _ in range(6):
+            unknowns = shell.settled(unknowns)
+        return unknowns
+
+    at = shell.start.copy()
+    at[:own] += 1e-6 * rng.normal(size=(own, 3))
+    at.reshape(-1)[shell.idle_dofs] = 0.0
+    at = settled(at)
+    direction = np.zeros_like(at)
+    direction[:own] = rng.normal(size=(own, 3))
+    direction.reshape(-1)[shell.idle_dofs] = 0.0
+    step = 1e-9
+    above = shell.gradient('thick', settled(at + step * direction))[1]
+    below = shell.gradient('thick', settled(at - step * direction))[1]
+    _, gradient, values = shell.tangent('thick', at)
+    expected = (shell.pattern.matrix(values) @ direction.reshape(-1)).reshape(-1, 3)
+    assert_allclose((above - below) / (2 * step), expected, atol=1e-7 * np.abs(expected).max())
+    assert_allclose(gradient, shell.gradient('thick', at)[1], atol=1e-15)
+
+
+def test_several_threads_assemble_what_one_does(ball):
+    one = build_model(ball, 'thick', control_vertices=100).shell
+    two = thick_shell(one.mesh, one.material, one.wall, threads=2)
+    at = 0.97 * one.start
+    for a, b in zip(one.tangent('thick', at), two.tangent('thick', at), strict=True):
+        assert_allclose(b, a, rtol=1e-12, atol=1e-12 * np.abs(a).max())
+
+
+def test_a_thin_wall_under_a_smooth_load_is_koiters(ball):
+    mesh = build_model(ball, control_vertices=150).shell.mesh
+    thin = RADIUS / 1000.0
+    material = Material(1e6, 0.3)
+    wall = thick_shell(mesh, material, thin, everywhere=True)
+    plain = discretise(mesh, material, thin)
+    rng = np.random.default_rng(3)
+    n = len(mesh.vertices)
+    motion = 1e-7 * rng.normal(size=(n, 3))
+    at = wall.start.copy()
+    at[:n] += motion
+    ours = wall.gradient('thick', at)[0]
+    assert ours == pytest.approx(plain.energy('koiter', mesh.vertices + motion), rel=1e-3)
+
+
+def test_the_ball_under_a_pin_is_as_stiff_as_the_solid(ball):
+    model = build_model(ball, 'thick')
+    contacts = object_contacts(ball, model, 1e-3)
+    solver = EquilibriumSolver(model)
+    state = solver.rest()
+    for travel, force in SOLID.items():
+        state = solver.solve(displaced(contacts, [travel, travel]), state)
+        assert state.converged
+        assert state.force == pytest.approx([force, force], rel=0.04)
+
+
+def test_force_and_travel_control_find_the_same_state(ball, model, squeezed):
+    _, state = squeezed
+    solver = EquilibriumSolver(model)
+    again = solver.solve(forced(object_contacts(ball, model, 1e-3), state.force.tolist()))
+    assert again.converged
+    # Under forces the free body lies elsewhere: what counts is how far the pins came together.
+    assert again.displacement.sum() == pytest.approx(6e-3, rel=1e-6)
+    shift = (again.positions - state.positions).mean(axis=0)
+    assert_allclose(again.positions - shift, state.positions, atol=1e-8)
+
+
+def test_the_points_under_a_pin_move_alike_and_carry_its_force(squeezed):
+    model, state = squeezed
+    shell = model.shell
+    states = shell.point_states(state.unknowns, shell.pressed.point)
+    height, push = states[:, 2], states[:, 4]
+    assert np.abs(height).max() < 1e-4 * 3e-3
+    assert push.min() > 0.0
+    weight = shell.weights[shell.pressed.point]
+    for k in range(2):
+        own = shell.pressed.stamp == k
+        assert weight[own] @ push[own] == pytest.approx(state.force[k], rel=1e-9)
+
+
+def test_the_served_outer_face_lies_on_the_pin_and_half_a_wall_out_far_from_it(squeezed):
+    model, state = squeezed
+    stamp = model.shell.stamps[0]
+    before, after = model.shell.outer_face(model.start), model.shell.outer_face(state.unknowns)
+    under = np.argmin(np.linalg.norm(model.rest - stamp.centre, axis=1))
+    far = np.argmin(np.abs(model.rest[:, 0]))
+    assert (after - before)[under] @ stamp.axis == pytest.approx(3e-3, abs=0.03e-3)
+    middle = model.surface.limit_positions(state.positions)
+    assert np.linalg.norm(after - middle, axis=1)[far] == pytest.approx(0.5 * THICKNESS, rel=0.01)
+
+
+def test_an_incompressible_wall_is_run_as_one_of_nu_0_4999(ball):
+    energies = []
+    for poisson in (0.4999, 0.5):
+        shell = build_model(
+            with_material(ball, poisson_ratio=poisson), 'thick', control_vertices=60
+        ).shell
+        energies.append(shell.gradient('thick', 0.99 * shell.start)[0])
+    assert energies[1] == energies[0]
+
+
+def test_a_wall_that_reaches_its_centre_of_curvature_is_refused():
+    mesh = build_model(load_object('tennis_ball'), control_vertices=60).shell.mesh
+    with pytest.raises(WallError, match='reaches beyond its centre of curvature'):
+        thick_shell(mesh, Material(1e6, 0.49), 70e-3)
+
+
+def test_a_pin_smaller_than_the_mesh_can_see_is_split_for_and_two_on_one_triangle_refused(ball):
+    model = build_model(ball, 'thick', control_vertices=60)
+    at = object_contacts(ball, model, 1e-3)[0].point
+    beside = model.surface.closest_point(model.rest, (at + [0.0, 1e-3, 0.0])[None]).position[0]
+    axis = np.array([-1.0, 0.0, 0.0])
+    shell = model.shell.with_stamps([Stamp(at, axis, 0.2e-3)])
+    assert len(shell.pressed.point) >= 3
+    with pytest.raises(WallError, match='two pins press on one triangle'):
+        model.shell.with_stamps([Stamp(at, axis, 0.3e-3), Stamp(beside, axis, 0.3e-3)])

@@ -152,6 +152,7 @@ class Observer:
         self.linear: list[PointCloud2] = []
         self.nonlinear: list[PointCloud2] = []
         self.states: list[str] = []
+        self.kinds: list[str] = []
         self.diagnostics: dict[str, str] = {}
         self.summary = ''
         self.numbers: dict[str, float] = {}
@@ -163,6 +164,7 @@ class Observer:
         listen(PointCloud2, 'deformation/linear', self.linear.append, many)
         listen(PointCloud2, 'deformation/nonlinear', self.nonlinear.append, many)
         listen(String, 'deformation/state', lambda m: self.states.append(m.data), latched)
+        listen(String, 'deformation/answer', lambda m: self.kinds.append(m.data), latched)
         listen(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
         scalars = ('linearity', 'contradiction', 'max_displacement', 'nonlinear_age')
         for name in (*scalars, 'modulus', 'modulus_sigma'):

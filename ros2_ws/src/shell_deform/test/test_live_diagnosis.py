@@ -16,8 +16,8 @@ def adopted(share=1.0):
     return SimpleNamespace(share=share, message='the dent snaps through')
 
 
-def served(contradiction=0.0):
-    return SimpleNamespace(contradiction=contradiction, suspect='gauge 2')
+def served(contradiction=0.0, taking_up=False):
+    return SimpleNamespace(contradiction=contradiction, suspect='gauge 2', taking_up=taking_up)
 
 
 @pytest.fixture
@@ -25,9 +25,8 @@ def well():
     worker = SimpleNamespace(alive=True, process=SimpleNamespace(pid=os.getpid()))
     return Condition(
         state=LiveState.CONTACT,
-        period=0.01,
         figures=Figures(),
-        link=SimpleNamespace(worker=worker, restarts=3),
+        link=SimpleNamespace(worker=worker, restarts=3, trouble=''),
         estimator=SimpleNamespace(adopted=None),
         served=None,
         modulus=None,
@@ -50,6 +49,7 @@ def test_a_served_contact_is_ok(well):
         ({'estimator': None}, 'warn', 'building the shell'),
         ({'served': served(4.0)}, 'warn', 'contradict: gauge 2'),
         ({'estimator': SimpleNamespace(adopted=adopted(0.5))}, 'warn', 'the dent snaps through'),
+        ({'served': served(taking_up=True)}, 'warn', 'taking up the contacts'),
         ({'state': LiveState.SATURATED}, 'warn', 'a gauge is saturated'),
     ],
 )
@@ -60,7 +60,7 @@ def test_what_is_wrong_is_told_with_its_reason(well, change, level, sentence):
 
 
 def test_a_dead_background_process_is_told(well):
-    well.link.worker.alive = False
+    well.link.trouble = 'ended and is started again'
     assert judge(well) == ('warn', 'the background process ended and is started again')
 
 
@@ -69,6 +69,7 @@ def test_a_shell_that_cannot_be_built_outranks_every_state(well):
 
 
 def test_figures_carry_rates_memory_and_restarts(well):
+    well.figures.arrivals = 100
     told = values(well, 1.0)
     assert told['input rate [Hz]'] == pytest.approx(100.0)
     assert told['background restarts'] == 3

@@ -65,20 +65,6 @@ def test_at_rest_of_all_errors_the_served_surface_is_the_converged_one(model, tr
     assert served.max_displacement == pytest.approx(5e-3, rel=0.01)
 
 
-def test_before_the_first_result_the_shell_is_served_at_rest(model):
-    pipeline = live_hand.pipeline(model)
-    served = pipeline.tick(squeeze([5.0, 5.0], 1e-3))
-    assert served.max_displacement == 0.0
-    assert served.unknown == (1, 2)
-
-
-def test_what_a_contact_may_have_dented_before_it_is_known_is_in_sigma(model):
-    pipeline = live_hand.pipeline(model)
-    served = pipeline.tick(squeeze([5.0, 5.0], 1e-3))
-    assert served.packed[:, 7].min() == pytest.approx(1e-3)
-    assert served.extrapolation == pytest.approx(1e-3)
-
-
 def test_between_results_the_tangent_carries_a_small_step(model, truth):
     pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
     force, _ = truth.at(4e-3)

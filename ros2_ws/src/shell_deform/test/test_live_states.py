@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from live_hand import opposed, sample
 
 from shell_deform.live.pose import Pose, PoseError, pose_of, quaternion, rotation_of
-from shell_deform.live.tick.health import Arrival, Figures, Latencies, StampWatch
+from shell_deform.live.tick.health import Arrival, Figures, Latencies, LossCount, StampWatch
 from shell_deform.live.tick.sample import (
     FLAG_CONTACT,
     FLAG_FAULT,
@@ -152,11 +152,66 @@ def arrivals(watch, times, now=None):
     ]
 
 
-def test_lost_samples_are_counted_from_the_stamps():
-    watch = StampWatch()
-    arrivals(watch, [0.0, 0.01, 0.02, 0.03, 0.06, 0.07])
-    assert watch.lost == 2
-    assert watch.samples == 6
+@given(st.lists(st.integers(0, 4), min_size=1, max_size=30))
+def test_losses_are_the_gaps_in_the_numbers_of_the_middleware(missing):
+    losses, number = LossCount(), 100
+    for gap in missing:
+        losses.arrived(number)
+        number += 1 + gap
+    losses.arrived(number)
+    losses.settle(publishers=1)
+    assert losses.lost == sum(missing)
+
+
+def test_a_publisher_that_starts_anew_has_lost_nothing():
+    losses = LossCount()
+    for number in (500, 501, 1, 2, 3):
+        losses.arrived(number)
+    losses.settle(publishers=1)
+    assert losses.lost == 0
+
+
+def test_losses_of_two_publishers_are_unknown_and_so_are_those_without_numbers():
+    several, unnumbered = LossCount(), LossCount()
+    for number in (1000, 1, 1001, 2):
+        several.arrived(number)
+    several.settle(publishers=2)
+    unnumbered.arrived(None)
+    assert several.lost is None
+    assert unnumbered.lost is None
+
+
+def test_stamps_however_irregular_are_no_losses():
+    watch, losses = StampWatch(), LossCount()
+    for i, stamp in enumerate([0.0, 0.01, 0.02, 0.2, 0.21, 0.9, 0.901]):
+        watch.arrived(round(1e9 * stamp), stamp)
+        losses.arrived(i + 1)
+    assert losses.lost == 0
+    assert watch.samples == 7
+
+
+def test_the_input_rate_counts_what_came_since_it_was_last_asked():
+    figures = Figures()
+    figures.arrivals = 20
+    figures.input_rate(1.0)
+    figures.arrivals += 42
+    assert figures.input_rate(3.0) == pytest.approx(21.0)
+
+
+def test_rows_of_one_finger_that_press_against_each_other_are_refused():
+    cells = opposed([5.0, 5.0], fingers=[1, 1])
+    with pytest.raises(SampleError, match='finger 1 has 2 rows'):
+        one_row_per_finger(cells, 1e-3)
+
+
+def test_samples_that_come_in_bursts_have_the_period_of_their_mean():
+    watch, now = Watch(periods=3.0, floor=0.0), 0.0
+    for _ in range(200):
+        for gap in (0.001, 0.001, 0.098):
+            now += gap
+            watch.look(now, True)
+            watch.sample(opposed([1.0, 1.0]), now)
+    assert watch.period == pytest.approx(0.1 / 3.0, rel=0.3)
 
 
 def test_a_repeated_stamp_is_told_from_a_new_one():
@@ -166,13 +221,13 @@ def test_a_repeated_stamp_is_told_from_a_new_one():
 
 
 @given(st.floats(1.001, 1e4), st.floats(1e-3, 0.1), st.integers(2, 30))
-def test_a_step_back_of_many_periods_is_a_jump_of_time_and_no_loss(back, period, count):
+def test_a_step_back_of_many_periods_is_a_jump_of_time(back, period, count):
     watch = StampWatch()
     before = [1e5 + i * period for i in range(count)]
     arrivals(watch, before)
     again = before[-1] - back
     assert arrivals(watch, [again], [before[-1] + period]) == [Arrival.JUMPED]
-    assert (watch.jumps, watch.lost) == (1, 0)
+    assert watch.jumps == 1
 
 
 @given(st.floats(1e-6, 0.9), st.floats(5e-3, 0.1), st.integers(2, 30))
@@ -185,17 +240,17 @@ def test_a_step_back_of_a_few_periods_is_a_late_sample_and_time_goes_on(share, p
     times = [late, last + period, last + 2 * period]
     clock = [last + 0.1 * period, last + period, last + 2 * period]
     assert arrivals(watch, times, clock) == [Arrival.LATE, Arrival.NEXT, Arrival.NEXT]
-    assert (watch.jumps, watch.late, watch.lost) == (0, 1, 0)
+    assert (watch.jumps, watch.late) == (0, 1)
 
 
 @given(st.floats(1.5, 1e4), st.floats(1e-3, 0.1), st.integers(2, 30))
-def test_stamps_that_run_ahead_of_the_steady_clock_are_a_jump_and_no_loss(ahead, period, count):
+def test_stamps_that_run_ahead_of_the_steady_clock_are_a_jump(ahead, period, count):
     watch = StampWatch()
     before = [i * period for i in range(count)]
     arrivals(watch, before)
     seek = before[-1] + ahead
     assert arrivals(watch, [seek], [before[-1] + period]) == [Arrival.JUMPED]
-    assert (watch.jumps, watch.lost) == (1, 0)
+    assert watch.jumps == 1
     assert arrivals(watch, [seek + period], [before[-1] + 2 * period]) == [Arrival.NEXT]
 
 

@@ -8,6 +8,8 @@ import live_hand
 import numpy as np
 import pytest
 
+from shell_deform.live.background.solving import LiveSolver
+from shell_deform.live.background.worker import Loop, share
 from shell_deform.live.background.worker_link import (
     BACK_OFF_FIRST_S,
     Build,
@@ -179,3 +181,108 @@ def test_a_result_being_read_is_not_overwritten():
         memory.publish(index, sequence)
     assert int(reading.record['begin']) == 1
     assert int(memory.take().record['begin']) == 19
+
+
+def loop(model):
+    """The loop of a background process over its own shared memory, without the process."""
+    solver = LiveSolver(model)
+    memory, descriptor = share(solver)
+    os.close(descriptor)
+    return Loop(solver, memory, -1, polite=False)
+
+
+def put(served, sample, number, jumps=0):
+    """Let the loop answer a sample as load case `number`; returns the result's record."""
+    estimator = Estimator(served.memory.rest, served.memory.rest_normals, Settings())
+    estimator.pose = IDENTITY
+    estimator.tick(sample)
+    request = empty_request()
+    estimator.fill_request(request[0])
+    request[0]['jumps'] = jumps
+    served.memory.write_request(request, number)
+    served.serve_newest()
+    return served.memory.take().record
+
+
+@pytest.fixture(scope='module')
+def coarse(sphere):
+    return sphere(31.25e-3, 2.5e-3, subdivisions=2)
+
+
+def squeeze_of(depth, fingers=(1, 2), **options):
+    return live_hand.opposed([0.3] * 2, [depth] * 2, radius=4e-3, fingers=fingers, **options)
+
+
+def test_contact_sets_in_any_order_never_end_the_loop_and_the_last_one_is_answered(coarse):
+    served, random = loop(coarse), np.random.default_rng(4)
+    odd = live_hand.sample
+    x = np.array([[0.0325, 0, 0]])
+    kinds = [
+        squeeze_of(1e-3),
+        squeeze_of(1e-3, fingers=(2, 1)),
+        squeeze_of(1e-3, fingers=(5, 6)),
+        odd(x, -x / 0.0325, [0.5], [2e-3], radius=4e-3),
+        odd(np.repeat(x, 2, axis=0), -np.repeat(x, 2, axis=0) / 0.0325, [1, 1], radius=4e-3),
+        odd([[9.9, 0, 0], [0, 0, 0]], [[1.0, 0, 0], [-1.0, 0, 0]], [1, 1], radius=4e-3),
+        odd(x, -x / 0.0325, [1e5], [0.2], radius=4e-3),
+        odd(x, -x / 0.0325, [0.5], [2e-3], radius=0.2),
+        odd(np.full((1, 3), np.nan), [[1.0, 0, 0]], [1.0], radius=4e-3),
+    ]
+    for number, kind in enumerate(random.integers(0, len(kinds), 60), start=1):
+        put(served, kinds[kind], number)
+    record = put(served, squeeze_of(1e-3), 100)
+    for number in range(101, 104):
+        record = put(served, squeeze_of(1e-3), number)
+    assert record['share'] == 1.0
+    assert record['displacement'][:2] == pytest.approx([1e-3, 1e-3], abs=2e-5)
+
+
+def test_an_error_is_told_in_the_result_and_gone_with_the_next_good_load_case(coarse):
+    served = loop(coarse)
+    bad = live_hand.sample(np.full((1, 3), np.nan), [[1.0, 0, 0]], [1.0], radius=4e-3)
+    record = put(served, bad, 1)
+    assert record['share'] == 0.0
+    assert b'started over' in bytes(record['message'])
+    record = put(served, squeeze_of(1e-3), 2)
+    assert record['share'] == 1.0
+    assert bytes(record['message']) == b''
+
+
+def test_fingers_that_come_back_with_their_travel_have_the_dent_they_had(coarse):
+    served = loop(coarse)
+    for number in range(1, 5):
+        before = put(served, squeeze_of(2e-3), number)['displacement'][:2].copy()
+    one = squeeze_of(2e-3).rows(np.array([0]))
+    for number, away in enumerate([one, squeeze_of(2e-3, fingers=(5, 6)), one], start=5):
+        put(served, away, number)
+    for number in range(10, 14):
+        record = put(served, squeeze_of(2e-3), number)
+    assert record['displacement'][:2] == pytest.approx(before, abs=1e-5)
+
+
+def test_after_a_jump_of_time_the_last_shape_is_a_start_and_the_answer_is_that_from_rest(coarse):
+    served = loop(coarse)
+    for number in range(1, 6):
+        put(served, squeeze_of(1.5e-3 * number), number)
+    jumped = put(served, squeeze_of(3e-3), 6, jumps=1)
+    straight = put(loop(coarse), squeeze_of(3e-3), 1)
+    assert jumped['share'] == straight['share'] == 1.0
+    assert jumped['force'][:2] == pytest.approx(straight['force'][:2], rel=1e-3)
+    assert jumped['displacement'][:2] == pytest.approx([3e-3, 3e-3], rel=1e-6)
+
+
+def test_a_stopped_process_is_replaced_and_the_replacement_answers():
+    link = WorkerLink(BALL)
+    try:
+        until(lambda: link.tend(time.monotonic()))
+        until(lambda: link.tend(time.monotonic()) or link.worker.handed_over() is not None)
+        os.kill(link.worker.process.pid, signal.SIGSTOP)
+        stopped = time.monotonic()
+        until(lambda: link.tend(time.monotonic()) or link.trouble != '')
+        assert time.monotonic() - stopped < 1.0
+        until(lambda: link.tend(time.monotonic()))
+        assert link.restarts == 1
+        ask(link.worker, 5e-4, 3)
+        answer_to(link.worker, 3)
+    finally:
+        link.stop()

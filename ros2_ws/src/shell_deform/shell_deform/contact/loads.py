@@ -164,8 +164,12 @@ def _disc_points(
     target = np.repeat(arc, ANGULAR_POINTS)
     direction = np.tile(direction, (RADIAL_POINTS, 1))
     reach = target.copy()
+    seeds = None
     for _ in range(3):
-        found = surface.closest_point(surface.mesh.vertices, point + reach[:, None] * direction)
+        found = surface.closest_point(
+            surface.mesh.vertices, point + reach[:, None] * direction, seeds=seeds
+        )
+        seeds = found.triangle, found.parameters
         offset = found.position - point
         chord = np.linalg.norm(offset, axis=1)
         half_turn = 0.5 * np.arccos(np.clip(found.normal @ normal, -1.0, 1.0))

@@ -83,8 +83,12 @@ class MultifrontalFactor(Factor):
             modes.T @ modes,
         )
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Recycled storage does not travel with a factor."""
+        return {**self.__dict__, '_spare': [], '_stack': None}
+
     def __del__(self) -> None:
-        if hasattr(self, '_stack') and len(self._spare) < 2:
+        if getattr(self, '_stack', None) is not None and len(self._spare) < 2:
             self._spare.append((self._lower[0], self._lower[2], self._stack))
 
     def partial_solve(

@@ -46,6 +46,7 @@ REQUEST = np.dtype(
         ('stamp', '<i8'),
         ('generation', '<i8'),
         ('resets', '<i8'),
+        ('jumps', '<i8'),
         ('contacts', '<i8'),
         ('drive', '<i8'),
         ('placed', '<i8'),
@@ -221,6 +222,15 @@ class SharedMemory:
             third,
             energy_density,
         )
+
+    def beat(self) -> None:
+        """The background process gets on: called wherever it goes round a loop."""
+        self.control[2] += 1
+
+    @property
+    def beats(self) -> int:
+        """How often it got on so far."""
+        return int(self.control[2])
 
     def write_request(self, request: np.ndarray, sequence: int) -> None:
         """Put a load case (1,) of dtype REQUEST into the mailbox, over any older one."""

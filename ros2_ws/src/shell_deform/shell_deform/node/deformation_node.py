@@ -32,9 +32,16 @@ from shell_deform.live.pose import Pose, PoseError, pose_of
 from shell_deform.live.tick import diagnosis
 from shell_deform.live.tick.contact_cloud import ContactReader
 from shell_deform.live.tick.estimator import Estimator, Served
+from shell_deform.live.tick.first_touch import FirstTouch
 from shell_deform.live.tick.health import Arrival, Figures, process_age
 from shell_deform.live.tick.modulus import ModulusFilter
-from shell_deform.live.tick.sample import FLAG_STALE, SampleError, check, check_served
+from shell_deform.live.tick.sample import (
+    FLAG_STALE,
+    ContactSample,
+    SampleError,
+    check,
+    check_served,
+)
 from shell_deform.live.tick.states import Watch
 from shell_deform.node import messages, parameters
 from shell_deform.node.topics_node import DeformationTopics
@@ -46,6 +53,7 @@ POSES = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 TEND_PERIOD_S = 0.02
 MARKER_PERIOD_S = 0.5
 POSE_CHANGE = 1e-3
+WAIT_S = 1e-3
 REBUILD_PARAMETERS = frozenset({'object', 'theory', 'control_vertices', 'background_niceness'})
 
 
@@ -72,7 +80,7 @@ class DeformationNode(Node):
         self._topic_pose: Pose | None = None
         self._pose_frame = self._contacts_frame = ''
         self._frame = ''
-        self._resets = 0
+        self._resets = self._jumps = 0
         self._somebody_publishes = True
         self._marker_stamp = 0
         self._request = empty_request()
@@ -134,6 +142,7 @@ class DeformationNode(Node):
         self._parameter_pose = (
             pose_of(list(values['object_pose'])) if values['placement'] == 'given' else None
         )
+        self._patience = float(values['wait_for_take_up'])
         self._learns = bool(values['estimate_modulus'])
         self._given_frame = str(values['frame'])
         self._marker_rate = float(values['marker_rate'])
@@ -145,6 +154,8 @@ class DeformationNode(Node):
     def _contacts(self, message: PointCloud2, info: dict[str, int]) -> None:
         began, now = time.perf_counter(), time.monotonic()
         figures = self.figures
+        figures.arrivals += 1
+        figures.losses.arrived(info['publication_sequence_number'])
         try:
             sample = self._reader.read(message, nanoseconds(message.header.stamp))
             check(sample)
@@ -158,32 +169,30 @@ class DeformationNode(Node):
                 self._topics.state(self.watch.sample(sample, now))
             return
         if arrival is Arrival.JUMPED:
-            self.get_logger().info('time has jumped: starting from the undeformed shell')
-            self._start_anew()
+            self.get_logger().info('time has jumped: the contacts are taken up anew')
+            self._jumps += 1
+            self._disown()
         self._use_frame(message.header.frame_id)
         state = self.watch.sample(sample, now)
         self._topics.state(state)
         estimator = self.estimator
         if estimator is None or not state.is_served:
             return
-        slot = self.link.worker.newer_result()
-        if slot is not None:
-            estimator.adopt(slot)
-            figures.refreshed(int(slot.record['answers']))
         estimator.pose = self._given_pose
         try:
-            served = estimator.tick(sample)
+            served, new_result = self._answer(estimator, sample)
             check_served(served.packed)
         except (SampleError, ArithmeticError, LookupError, ValueError) as error:
             # Whatever a sample does to the numbers, the next one finds the node as it was.
             self._refuse(error, now)
             return
+        self._topics.answer(served.answer)
         self._topics.cloud('surface', served.packed, served.stamp, self._frame)
         figures.ticks.add(time.perf_counter() - began)
         figures.answers.add(1e-9 * (time.time_ns() - info['source_timestamp']))
         self.served = served
         self._post(estimator)
-        self._publish_more(estimator, served, slot is not None)
+        self._publish_more(estimator, served, new_result)
         if not figures.first_surface:
             figures.first_surface = process_age()
 
@@ -215,10 +224,36 @@ class DeformationNode(Node):
         )
         return True
 
+    def _answer(self, estimator: Estimator, sample: ContactSample) -> tuple[Served, bool]:
+        """The answer to a sample, and whether a new equilibrium has come meanwhile.
+
+        A node that plays in lockstep waits until no contact is being taken up any more.
+        """
+        new_result = self._adopt(estimator)
+        served = estimator.tick(sample)
+        deadline = time.monotonic() + self._patience
+        while served.taking_up and time.monotonic() < deadline and not self.link.trouble:
+            self._post(estimator)
+            while time.monotonic() < deadline and not self._adopt(estimator):
+                time.sleep(WAIT_S)
+            new_result = True
+            served = estimator.tick(sample)
+        return served, new_result
+
+    def _adopt(self, estimator: Estimator) -> bool:
+        """Take the newest result of the background process, if there is one."""
+        slot = self.link.worker.newer_result()
+        if slot is None:
+            return False
+        estimator.adopt(slot)
+        self.figures.refreshed(int(slot.record['answers']))
+        return True
+
     def _post(self, estimator: Estimator) -> None:
         record = self._request[0]
         estimator.fill_request(record)
         record['resets'] = self._resets
+        record['jumps'] = self._jumps
         self.link.worker.post(self._request)
 
     def _publish_more(self, estimator: Estimator, served: Served, new_result: bool) -> None:
@@ -257,14 +292,14 @@ class DeformationNode(Node):
             self._topic_pose = pose
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._start_anew()
+        self._resets += 1
+        self._disown()
         response.success = True
         response.message = 'the next sample starts from the undeformed shell'
         return response
 
-    def _start_anew(self) -> None:
-        """Forget contacts and equilibria, here and in the background."""
-        self._resets += 1
+    def _disown(self) -> None:
+        """Answers to samples so far are not taken any more."""
         self.link.worker.disown()
         self.served = None
         if self.estimator is not None:
@@ -292,6 +327,9 @@ class DeformationNode(Node):
             return
         if ready:
             self._take_over()
+        rest = self.link.worker.handed_over()
+        if rest is not None and self.estimator is not None:
+            self.estimator.first_touch = FirstTouch(rest)
 
     def _take_over(self) -> None:
         """A background process has built the shell: serve it from now on."""
@@ -303,6 +341,7 @@ class DeformationNode(Node):
         if previous is not None and previous.rest.shape == memory.rest.shape:
             # The same shell again after a restart: its last good state is still the best known.
             self.estimator.adopted = previous.adopted
+            self.estimator.first_touch = previous.first_touch
             return
         name = self.get_parameter('object').value
         self.modulus = ModulusFilter(load_object(name).young_modulus_pa, self._settings.errors)
@@ -329,14 +368,16 @@ class DeformationNode(Node):
             self._topics.marker(memory.triangles, served.packed, served.stamp, self._frame)
 
     def _diagnose(self) -> None:
-        self._somebody_publishes = self.count_publishers('hand/contacts') > 0
+        publishers = self.count_publishers('hand/contacts')
+        self.figures.losses.settle(publishers)
+        self._somebody_publishes = publishers > 0
         if self.estimator is not None:
             moved = self.estimator.pose_in_use.numbers - self._mesh_pose
             if abs(moved).max() > POSE_CHANGE:
                 self._publish_mesh()
         learned = self.modulus.estimate if self._learns and self.modulus is not None else None
         condition = diagnosis.Condition(
-            self.watch.state, self.watch.period, self.figures, self.link, self.estimator,
+            self.watch.state, self.figures, self.link, self.estimator,
             self.served, learned, self.failure, self._unusable,
         )  # fmt: skip
         chosen = {name: self.get_parameter(name).value for name in ('object', 'drive')}

@@ -63,6 +63,13 @@ PARAMETERS: tuple[Parameter, ...] = (
     ),
     Parameter('stale_periods', 3.0, 'silence that is STALE (sample periods)', 1.0, 100.0),
     Parameter('stale_floor', 0.02, 'but no shorter than this (s)', 0.0, 10.0),
+    Parameter(
+        'wait_for_take_up',
+        0.0,
+        'longest wait of a sample for the equilibrium of its contacts (s); 0: none; for lockstep',
+        0.0,
+        600.0,
+    ),
     Parameter('marker_rate', 2.0, 'highest rate of deformation/marker (Hz), 0: never', 0.0, 10.0),
     Parameter('frame', '', 'frame of the answers; empty: that of the contacts'),
 )

@@ -46,6 +46,7 @@ class DeformationTopics:
         self._node = node
         self._writers: dict[str, messages.SurfaceWriter] = {}
         self._state_shown: LiveState | None = None
+        self._answer_shown = ''
         self._clouds = {name: self._make(PointCloud2, name) for name in CLOUDS}
         self._scalars = {name: self._make(Float64, name) for name in SCALARS}
         self._modulus = self._make(Float64, 'modulus')
@@ -53,6 +54,7 @@ class DeformationTopics:
         self._mesh = self._make(Mesh, 'mesh', LATCHED)
         self._marker = self._make(Marker, 'marker', LATCHED)
         self._state = self._make(String, 'state', LATCHED)
+        self._answer = self._make(String, 'answer', LATCHED)
         self._diagnostics = self._make(DiagnosticArray, '/diagnostics')
 
     def _make(self, kind: type, name: str, qos: QoSProfile = STREAM) -> Any:
@@ -107,6 +109,12 @@ class DeformationTopics:
         if state is not self._state_shown:
             self._state_shown = state
             self._state.publish(messages.text(state.value))
+
+    def answer(self, kind: str) -> None:
+        """What kind of answer is served, when it has changed."""
+        if kind != self._answer_shown:
+            self._answer_shown = kind
+            self._answer.publish(messages.text(kind))
 
     def diagnostics(self, level: str, summary: str, values: Mapping[str, object]) -> None:
         """What /diagnostics says."""

@@ -13,6 +13,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -116,6 +117,24 @@ class ProjectionTables:
     sample_parameters: FloatArray
     samples: csr_matrix
 
+    def has(self, control_points: FloatArray) -> bool:
+        """Whether these are the control points of the mesh itself, in the same memory."""
+        own = self.mesh.vertices
+        return control_points is own or (
+            control_points.shape == own.shape
+            and control_points.__array_interface__['data'] == own.__array_interface__['data']
+        )
+
+    @cached_property
+    def rest_tree(self) -> cKDTree:
+        """The starting samples of the mesh as it is given, for many searches."""
+        return cKDTree(self.samples @ self.mesh.vertices)
+
+    @cached_property
+    def rest_polynomials(self) -> FloatArray:
+        """`_polynomials` of the mesh as it is given."""
+        return _polynomials(self, self.mesh.vertices)
+
 
 def projection_tables(mesh: ControlMesh) -> ProjectionTables:
     """Flatten the patches of `mesh` and lay the starting samples."""
@@ -182,7 +201,10 @@ def closest_points(
         )
         found = project(tables, control_points, points, *start, count)
     else:
-        tree = cKDTree(tables.samples @ control_points)
+        at_rest = tables.has(control_points)
+        tree = tables.rest_tree if at_rest else cKDTree(tables.samples @ control_points)
+        # Threads cost more than a few searches.
+        count = count if len(points) >= FEW_POINTS else 1
         _, nearest = tree.query(points, workers=count)
         found = project(tables, control_points, points, *_places(tables, nearest), count)
         doubtful = _doubtful(tables, control_points, points, found, nearest, tree, count, project)
@@ -311,7 +333,8 @@ def _project_compiled(
 ) -> Feet:
     position, normal = np.empty_like(points), np.empty_like(points)
     on_boundary, sure = np.zeros((2, len(points)), dtype=np.bool_)
-    polynomials = _polynomials(tables, control_points)
+    at_rest = tables.has(control_points)
+    polynomials = tables.rest_polynomials if at_rest else _polynomials(tables, control_points)
 
     def work(part: slice) -> None:
         project_points(

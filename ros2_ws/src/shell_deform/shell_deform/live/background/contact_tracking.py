@@ -3,11 +3,15 @@
 A held contact keeps its material point. When a finger has moved sideways by more than a share of
 its radius, turned, or is new, its patch is laid again where the finger now is on the deformed
 surface; the lateral motion that point already has is where it is then held.
+
+What pose and first touch are off by at a place is remembered while anything touches: a finger that
+comes back there, under its own number or another one, with the travel it had, makes the dent it
+made.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +26,18 @@ SLIDE_SHARE = 0.25
 TURN = np.cos(np.radians(8.0))
 STEEPEST = np.cos(np.radians(60.0))
 RADIUS_CHANGE = 0.25
+
+LONGEST_SLIDE = 4.0
+"""A finger that has moved sideways by more radii touches anew [radii]; at least..."""
+
+SHORTEST_JUMP = 8e-3
+"""... this far [m]: fingers that slide fast between two load cases do not jump."""
+
+SAME_PLACE = 0.5
+"""First touches within this share of the radius are one."""
+
+REMEMBERED = 64
+"""Places of first touch that are remembered."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +74,7 @@ class HeldContact:
         travel_offset: displacement of the patch minus the travel of the finger [m].
         bias: displacement minus the depth of the pin inside the shell at rest [m]: what pose and
             first touch are off by; it stays while the finger slides.
+        first: (3,) where the finger first touched, as far as its travel is known [m].
     """
 
     finger: int
@@ -66,6 +83,7 @@ class HeldContact:
     held: Array
     travel_offset: float
     bias: float
+    first: Array
 
     def still_good(self, touch: Touch) -> bool:
         """Whether the finger still presses this patch."""
@@ -77,6 +95,14 @@ class HeldContact:
             and abs(touch.radius - self.patch.radius) <= RADIUS_CHANGE * self.patch.radius
         )
 
+    def slides_to(self, touch: Touch) -> bool:
+        """Whether the finger can have come to `touch` without letting go."""
+        moved = touch.point - self.touched
+        sideways = moved - (moved @ self.patch.axis) * self.patch.axis
+        reach = max(LONGEST_SLIDE * self.patch.radius, SHORTEST_JUMP)
+        steep = float(touch.normal @ self.patch.axis) <= STEEPEST
+        return float(np.linalg.norm(sideways)) < reach and not steep
+
     def axis_of(self, touch: Touch) -> Array:
         """The push direction that counts for `touch`."""
         return touch.normal if touch.normal @ self.patch.axis > STEEPEST else self.patch.axis
@@ -85,10 +111,16 @@ class HeldContact:
 class ContactTracker:
     """The patches of one shell, by finger."""
 
-    def __init__(self, model: ShellModel) -> None:
+    def __init__(self, model: ShellModel, unloaded: Array, at_rest: bool = False) -> None:
+        """`unloaded`: control points (n, 3) [m] where first contacts are laid; all `at_rest`."""
         self.model = model
+        self._unloaded = unloaded
         self.contacts: tuple[HeldContact, ...] = ()
+        self.laid: frozenset[int] = frozenset()
+        """Fingers that touched anew in the last update."""
+        self._at_rest = at_rest
         self._half_wall = 0.5 * float(model.shell.thickness.mean())
+        self._memory: list[HeldContact] = []
 
     @property
     def patches(self) -> tuple[ContactPatch, ...]:
@@ -98,31 +130,37 @@ class ContactTracker:
     def reset(self) -> None:
         """Forget all contacts."""
         self.contacts = ()
+        self._memory.clear()
 
     def update(self, touches: tuple[Touch, ...], positions: Array) -> bool:
         """Take what the fingers report at control `positions` (n, 3); True if patches changed."""
         known = {contact.finger: contact for contact in self.contacts}
-        fresh = not self.contacts
-        updated = []
+        at_rest = self._at_rest or not self.contacts
+        updated, laid = [], []
         for touch in sorted(touches, key=lambda touch: touch.finger):
             old = known.get(touch.finger)
             if old is not None and old.still_good(touch):
                 updated.append(old)
-            else:
-                updated.append(self._lay(touch, old, positions, fresh))
+                continue
+            if old is None or not old.slides_to(touch):
+                old = None
+                laid.append(touch.finger)
+            back = self._remembered(touch) if old is None else None
+            updated.append(back or self._lay(touch, old, positions, at_rest))
         changed = len(updated) != len(self.contacts) or any(
             new is not old for new, old in zip(updated, self.contacts, strict=True)
         )
-        self.contacts = tuple(updated)
+        self.contacts, self.laid = tuple(updated), frozenset(laid)
         return changed
 
     def _lay(
-        self, touch: Touch, old: HeldContact | None, positions: Array, fresh: bool
+        self, touch: Touch, old: HeldContact | None, positions: Array, at_rest: bool
     ) -> HeldContact:
         """A new patch where the finger is."""
         surface = self.model.surface
+        positions = self._unloaded if at_rest else positions
         # Someone who joins late still knows where the finger first touched the shell at rest.
-        at = touch.first_point if fresh else touch.point
+        at = touch.first_point if at_rest else touch.point
         found = surface.closest_point(positions, at[None], offset=self._half_wall)
         material = surface.evaluate(self.model.rest, found.triangle, found.parameters)
         inward = -found.normal[0]
@@ -132,13 +170,30 @@ class ContactTracker:
         held = patch.held_rows().reshape(HELD_ROWS, -1) @ moved
         travel = touch.travel if np.isfinite(touch.travel) else 0.0
         depth = self._depth(patch, touch)
-        if old is None:
-            bias = travel + float(patch.displacement_row().reshape(-1) @ moved) - depth
-        else:
-            bias = old.bias
-        return HeldContact(
-            touch.finger, patch, touch.point.copy(), held, bias + depth - travel, bias
-        )
+        now = travel + float(patch.displacement_row().reshape(-1) @ moved) - depth
+        bias = now if old is None else old.bias
+        laid = HeldContact(
+            touch.finger, patch, touch.point.copy(), held, bias + depth - travel, bias,
+            touch.first_point,
+        )  # fmt: skip
+        self._memory.append(laid)
+        del self._memory[:-REMEMBERED]
+        return laid
+
+    def _remembered(self, touch: Touch) -> HeldContact | None:
+        """The contact at the place where this finger, or another one, first touched before."""
+        if not np.isfinite(touch.travel):
+            return None
+        for contact in reversed(self._memory):
+            same = np.linalg.norm(contact.first - touch.first_point) < SAME_PLACE * touch.radius
+            if same and contact.still_good(touch):
+                depth = self._depth(contact.patch, touch)
+                return replace(
+                    contact,
+                    finger=touch.finger,
+                    travel_offset=contact.bias + depth - touch.travel,
+                )
+        return None
 
     def _depth(self, patch: ContactPatch, touch: Touch) -> float:
         """How far the pin stands inside the outer face at rest, at a patch [m]."""

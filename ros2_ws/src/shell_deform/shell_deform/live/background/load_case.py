@@ -22,7 +22,8 @@ class Load:
         generation: the set of contacts that `rigid` and the displacements refer to.
         rigid: amplitudes of the free rigid motions. tendon: stretch [m/N].
         pose: of the object, or None to infer it at first touch.
-        stamp: of the sample [ns]. reset: forget everything first.
+        stamp: of the sample [ns]. reset: start from the undeformed shell.
+        jump: time has jumped: the fingers touch anew, the last equilibrium is only a start.
     """
 
     touches: tuple[Touch, ...]
@@ -33,13 +34,14 @@ class Load:
     pose: Pose | None
     stamp: int
     reset: bool = False
+    jump: bool = False
 
 
-def load_of(request: np.void, resets: int = 0) -> Load:
+def load_of(request: np.void, resets: int = 0, jumps: int = 0) -> Load:
     """Read a mailbox record.
 
-    It counts the resets asked for so far, since load cases are overtaken; `resets` of them were
-    obeyed already.
+    It counts the resets and jumps so far, since load cases are overtaken; `resets` and `jumps` of
+    them were obeyed already.
     """
     touches = tuple(
         Touch(
@@ -62,4 +64,5 @@ def load_of(request: np.void, resets: int = 0) -> Load:
         pose=pose_of(request['pose']) if request['placed'] else None,
         stamp=int(request['stamp']),
         reset=int(request['resets']) > resets,
+        jump=int(request['jumps']) > jumps,
     )

@@ -15,6 +15,7 @@ from shell_deform.live.background.contact_tracking import ContactTracker, Touch
 from shell_deform.live.background.energy_density import EnergyDensity
 from shell_deform.live.background.load_case import Load
 from shell_deform.live.background.placement import Placement, place
+from shell_deform.live.background.rest_shell import RestShell, largest_curl
 from shell_deform.live.background.small_loads import SmallLoads, small_loads
 from shell_deform.live.background.tracking import EquilibriumTracker, Target, TrackingOptions
 from shell_deform.live.exchange import DRIVE_FORCE, MAX_CONTACTS, MAX_RIGID, Slot
@@ -48,7 +49,7 @@ class LiveSolver:
     def __init__(self, model: ShellModel, options: TrackingOptions | None = None) -> None:
         self.model = model
         self.tracker = EquilibriumTracker(model, options or LIVE)
-        self.contacts = ContactTracker(model)
+        self.contacts = ContactTracker(model, model.rest)
         self._wall = float(model.shell.thickness.mean())
         self._energy_density = EnergyDensity(model)
         self._size = len(model.rest)
@@ -72,7 +73,11 @@ class LiveSolver:
         self.share = 1.0
         self.seconds = 0.0
         self._unload()
-        self.unloaded = self._unloaded = self.tracker.positions
+        unloaded = self.tracker.positions
+        # The given control points themselves, where nothing inflates them: searches know these.
+        self.unloaded = model.rest if np.array_equal(unloaded, model.rest) else unloaded
+        self._unloaded = self.unloaded
+        self.contacts = ContactTracker(model, self.unloaded)
         self._unloaded_state = self.tracker.state
         self.unloaded_surface = model.surface.limit_positions(self.unloaded)
         self.unloaded_normals = model.surface.vertex_normals(self.unloaded)
@@ -106,23 +111,52 @@ class LiveSolver:
         began = time.perf_counter()
         self._load = load
         if load.reset or (not load.touches and self.contacts.contacts):
+            self._let_go()
+        elif load.jump:
+            # The shape is a start for what follows; who pressed it there is not known any more.
             self.contacts.reset()
             self._placement = None
-            self.tracker.state = self._unloaded_state
-            self.tracker.forget_tangent()
             self._change_contacts(np.zeros(0))
-            self.share = 1.0
         pose = self._pose(load)
         touches = tuple(_in_object_frame(touch, pose) for touch in load.touches)
+        if touches:
+            before = dict(zip(self._fingers(), self._displacements(), strict=True))
+            self._lay(touches)
+            self.share = self.tracker.advance(self._target(load, touches, before))
+            if self.share < 1.0 and self.contacts.laid and not self._nearly_at_rest():
+                # A grasp taken up from the shape of another one may lead nowhere: once from rest.
+                self._let_go()
+                self._lay(touches)
+                self.share = self.tracker.advance(self._target(load, touches, {}))
+        self.seconds = time.perf_counter() - began
+
+    def start_over(self) -> None:
+        """Back to the unloaded shell without contacts, after a load case that nobody can solve."""
+        self._load = None
+        self._let_go()
+
+    def rest_shell(self) -> RestShell:
+        """What the node needs to answer contacts before this process does."""
+        tangent, factor = self.tracker.rest_tangent(self.unloaded)
+        curl = largest_curl(self.model, self.unloaded, tangent, factor, self.tracker.beat)
+        return RestShell(self.model, self.unloaded, tangent, factor, curl)
+
+    def _let_go(self) -> None:
+        """No contacts, and the unloaded state."""
+        self.contacts.reset()
+        self._placement = None
+        self.tracker.state = self._unloaded_state
+        self.tracker.forget_tangent()
+        self._change_contacts(np.zeros(0))
+        self.share = 1.0
+
+    def _lay(self, touches: tuple[Touch, ...]) -> None:
+        """Patches for the fingers that touch, with the pushes that are there."""
         pushes = dict(zip(self._fingers(), self.tracker.state.force, strict=True))
-        before = dict(zip(self._fingers(), self._displacements(), strict=True))
-        if touches and self.contacts.update(touches, self.tracker.positions):
+        if self.contacts.update(touches, self.tracker.positions):
             self._change_contacts(
                 np.array([pushes.get(contact.finger, 0.0) for contact in self.contacts.contacts])
             )
-        if touches:
-            self.share = self.tracker.advance(self._target(load, touches, before))
-        self.seconds = time.perf_counter() - began
 
     @property
     def message(self) -> str:
@@ -294,9 +328,10 @@ class LiveSolver:
             force[i] = touch.force if touch is not None else 0.0
             if touch is None or not here.driven[i]:
                 continue
+            new = contact.finger in self.contacts.laid
             if same and np.isfinite(touch.displacement):
                 displacement[i] = touch.displacement
-            elif np.isfinite(touch.displacement) and contact.finger in before:
+            elif np.isfinite(touch.displacement) and contact.finger in before and not new:
                 displacement[i] += touch.displacement - before[contact.finger]
             else:
                 displacement[i] = touch.travel + contact.travel_offset

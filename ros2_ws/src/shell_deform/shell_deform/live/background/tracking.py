@@ -8,6 +8,7 @@ a part of it is reached.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -106,6 +107,8 @@ class EquilibriumTracker:
         self.factorisations = 0
         self.iterations = 0
         self.message = ''
+        self.beat: Callable[[], None] = lambda: None
+        """Called in every iteration: whoever watches sees that this gets on."""
         self._rest: tuple[Tangent, SprungFactor] | None = None
         self.reset()
 
@@ -141,12 +144,17 @@ class EquilibriumTracker:
         self._fresh = False
         self._renew()
 
-    def rest_system(self, positions: Array, rows: ContactRows) -> CondensedSystem:
-        """Factorised tangent at the unloaded `positions` (n, 3), kept for later contacts."""
+    def rest_tangent(self, positions: Array) -> tuple[Tangent, SprungFactor]:
+        """Tangent at the unloaded `positions` (n, 3) with its factor, kept."""
         if self._rest is None:
             tangent = self.model.tangent(positions)
             self._rest = tangent, factorise_sprung(self._solver, tangent)
-        return CondensedSystem(self._rest[1], self._rest[0], rows)
+        return self._rest
+
+    def rest_system(self, positions: Array, rows: ContactRows) -> CondensedSystem:
+        """The system of these contacts at the unloaded `positions` (n, 3)."""
+        tangent, factor = self.rest_tangent(positions)
+        return CondensedSystem(factor, tangent, rows)
 
     def here(self, driven: NDArray[np.bool_]) -> Target:
         """The present values of everything that can be prescribed."""
@@ -287,6 +295,7 @@ class EquilibriumTracker:
         options, rows, state = self.options, self._rows(), self.state
         before, tangents = np.inf, options.tangents_per_step
         for _ in range(options.iterations):
+            self.beat()
             step, multipliers, force = self._step(target, state, extra)
             self.iterations += 1
             largest = float(np.abs(step).max(initial=0.0))

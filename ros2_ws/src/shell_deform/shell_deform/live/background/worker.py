@@ -4,7 +4,8 @@ Started as `python -m shell_deform.live.background.worker SOCKET EVENT`: a fresh
 without ROS. The socket carries one line of JSON with what to build, and back a line with the sizes
 together with the descriptor of the shared memory, or a line with the reason why not. Afterwards
 every posted load case adds one to the event counter, so a count above one tells how many were
-overtaken. The end of the socket is the end of the process.
+overtaken. The end of the socket is the end of the process. In between a counter in the shared
+memory rises wherever the process goes round a loop, so that a watcher knows one that hangs.
 """
 
 from __future__ import annotations
@@ -17,17 +18,17 @@ import signal
 import socket
 import sys
 
-import numpy as np
-
 from shell_deform.building import build_model
 from shell_deform.live.background.courtesy import Courtesy
 from shell_deform.live.background.load_case import load_of
+from shell_deform.live.background.rest_shell import packed
 from shell_deform.live.background.solving import LiveSolver
 from shell_deform.live.exchange import Layout, SharedMemory, create
 from shell_deform.model import ShellModel
 from shell_deform.objects import load_object
 
-FAILURES_TO_GIVE_UP = 5
+WAITING_BEAT_S = 0.1
+"""A process that waits for load cases says so at this interval [s]."""
 
 
 def build(options: dict[str, object]) -> ShellModel:
@@ -52,6 +53,14 @@ def share(solver: LiveSolver) -> tuple[SharedMemory, int]:
     return memory, descriptor
 
 
+def hand_over(solver: LiveSolver, connection: socket.socket) -> None:
+    """Give the shell at rest to the other side, for contacts that are still unknown here."""
+    rest = packed(solver.rest_shell())
+    with contextlib.suppress(BrokenPipeError):
+        socket.send_fds(connection, [b'rest\n'], [rest])
+    os.close(rest)
+
+
 class Loop:
     """Serves load cases from shared memory until the other side is gone."""
 
@@ -62,14 +71,16 @@ class Loop:
         self.event = event
         self.dropped = 0
         self.resets = 0
+        self.jumps = 0
         self.results = 0
-        self.failures = 0
+        self.failure = ''
         self.courtesy = Courtesy() if polite else None
 
     def run(self, connection: socket.socket) -> None:
         """Wait for load cases; returns when `connection` closes."""
         while True:
-            ready, _, _ = select.select([self.event, connection.fileno()], [], [])
+            self.memory.beat()
+            ready, _, _ = select.select([self.event, connection.fileno()], [], [], WAITING_BEAT_S)
             if connection.fileno() in ready and not connection.recv(1):
                 return
             if self.event in ready:
@@ -80,22 +91,31 @@ class Loop:
                     self.courtesy.run(self.serve_newest)
 
     def serve_newest(self) -> None:
-        """Solve the newest load case and publish: first the state, then its own columns."""
+        """Solve the newest load case and publish: first the state, then its own columns.
+
+        Whatever a set of contacts leads to, the next one finds a working solver: after an error it
+        starts over from the unloaded shell, and the result says why.
+        """
         request = self.memory.read_request()
         if request is None:
             return
+        answers = int(request[0]['begin'])
+        load = load_of(request[0], self.resets, self.jumps)
+        self.resets, self.jumps = int(request[0]['resets']), int(request[0]['jumps'])
         try:
-            self.solver.take(load_of(request[0], self.resets))
-            self.resets = int(request[0]['resets'])
-            self._publish(int(request[0]['begin']), fresh=False)
+            self.solver.take(load)
+            self.failure = ''
+            self._publish(answers, fresh=False)
             if self.solver.refine():
-                self._publish(int(request[0]['begin']), fresh=True)
-            self.failures = 0
-        except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
-            self.failures += 1
-            print(f'deformation worker: {error}', file=sys.stderr, flush=True)
-            if self.failures >= FAILURES_TO_GIVE_UP:
-                raise
+                self._publish(answers, fresh=True)
+        except MemoryError:
+            raise
+        except Exception as error:
+            if str(error) != self.failure:
+                self.failure = str(error)
+                print(f'deformation worker: {error}', file=sys.stderr, flush=True)
+            self.solver.start_over()
+            self._publish(answers, fresh=False)
 
     def _publish(self, answers: int, fresh: bool) -> None:
         index = self.memory.free_slot()
@@ -104,6 +124,9 @@ class Loop:
         slot.record['answers'] = answers
         slot.record['dropped'] = self.dropped
         slot.record['fresh_columns'] = int(fresh)
+        if self.failure:
+            slot.record['share'] = 0.0
+            slot.record['message'] = f'started over: {self.failure}'.encode()[:200]
         self.results += 1
         self.memory.publish(index, self.results)
 
@@ -139,8 +162,10 @@ def main() -> int:
     os.close(descriptor)
     # The surface at rest is served meanwhile. A shell may have no place for a contact there; the
     # first real one then takes longer.
+    solver.tracker.beat = memory.beat
     with contextlib.suppress(ValueError, RuntimeError):
         solver.warm_up()
+    hand_over(solver, connection)
     Loop(solver, memory, int(sys.argv[2]), polite=niceness > 0).run(connection)
     return 0
 

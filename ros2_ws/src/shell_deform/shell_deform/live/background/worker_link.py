@@ -1,4 +1,4 @@
-"""The node's end of the background process: starts it, feeds it, restarts it when it dies."""
+"""The node's end of the background process: starts it, feeds it, replaces it where need be."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from shell_deform.live.background.rest_shell import RestShell, unpacked
+from shell_deform.live.background.watchdog import Watchdog
 from shell_deform.live.exchange import REQUEST, Layout, SharedMemory, Slot
 
 BACK_OFF_FIRST_S = 0.2
@@ -54,6 +56,7 @@ class WorkerProcess:
     def __init__(self, build: Build | None = None) -> None:
         self.memory: SharedMemory | None = None
         self.thickness = 0.0
+        self._has_rest = False
         self._sequence = 0
         self._seen = 0
         self._first_answer = 0
@@ -107,6 +110,19 @@ class WorkerProcess:
         self.thickness = float(hello['thickness'])
         return True
 
+    def handed_over(self) -> RestShell | None:
+        """The shell at rest, once, when it has come."""
+        if self.memory is None or self._has_rest:
+            return None
+        try:
+            line, descriptors, _, _ = socket.recv_fds(self._socket, 16, 1)
+        except BlockingIOError:
+            return None
+        if not line or not descriptors:
+            return None
+        self._has_rest = True
+        return unpacked(descriptors[0])
+
     def post(self, request: np.ndarray) -> None:
         """Replace the load case in the mailbox; never waits."""
         if self.memory is None:
@@ -156,6 +172,12 @@ class WorkerLink:
         self._back_off = BACK_OFF_FIRST_S
         self._start_at = 0.0
         self._started = -np.inf
+        self._watchdog = Watchdog(self.worker.process.pid)
+
+    @property
+    def trouble(self) -> str:
+        """Why the process does not get on, in words that follow its name; '' while it does."""
+        return self._watchdog.trouble if self.worker.alive else 'ended and is started again'
 
     def tend(self, now: float) -> bool:
         """Look after the process at steady time `now` [s]; True when it has just become ready.
@@ -164,6 +186,11 @@ class WorkerLink:
         """
         if not np.isfinite(self._started):
             self._started = now
+        if self.worker.memory is not None and self.worker.alive:
+            self._watchdog.look(self.worker.memory.beats, now)
+            if self._watchdog.hopeless:
+                self.worker.process.kill()
+                self.worker.process.wait()
         if self.worker.alive or self.worker.memory is None and self._waiting_line():
             return self.worker.became_ready()
         if self._start_at == 0.0:
@@ -173,10 +200,15 @@ class WorkerLink:
             self._back_off = min(2.0 * self._back_off, BACK_OFF_LAST_S)
         if now >= self._start_at:
             self.worker.stop()
-            self.worker = WorkerProcess(self._build)
+            self._replace()
             self.restarts += 1
             self._started, self._start_at = now, 0.0
         return False
+
+    def _replace(self) -> None:
+        """A new process that builds the same."""
+        self.worker = WorkerProcess(self._build)
+        self._watchdog = Watchdog(self.worker.process.pid)
 
     def _waiting_line(self) -> bool:
         """Whether a dead process has left a message to read."""
@@ -189,7 +221,7 @@ class WorkerLink:
         """Replace the process by one for another object."""
         self.worker.stop()
         self._build = build
-        self.worker = WorkerProcess(build)
+        self._replace()
         self._start_at, self._started = 0.0, -np.inf
 
     def stop(self) -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.live.background.contact_tracking import LONGEST_SLIDE, SHORTEST_JUMP
 from shell_deform.live.exchange import Slot
-from shell_deform.live.pose import pose_of
+from shell_deform.live.pose import Pose, pose_of
+from shell_deform.live.tick.at_rest import AtRest
 from shell_deform.live.tick.fusion_types import Measured, Response
-from shell_deform.live.tick.linearity import linear_error
-from shell_deform.live.tick.release import rest_response
+from shell_deform.live.tick.sample import ContactSample
 
 Array = NDArray[np.float64]
 
@@ -44,17 +45,22 @@ class Adopted:
             reaction_by=record['reaction_by'][: 2 * k, :j].copy(),
             rigid_by=record['rigid_by'][:r, :j].copy(),
         )
+        self._anchor = record['anchor'][:k].copy()
+        self._axis = record['axis'][:k].copy()
         self.energy = float(record['energy'])
         self.share = float(record['share'])
         self.stable = bool(record['stable'])
         self.snap_margin = float(record['snap_margin'])
         self.message = bytes(record['message']).decode(errors='replace')
-        self.linear_compliance = record['linear_compliance'][:k, :k].copy()
-        self.second_order = record['second_order'][:k, : k * (k + 1) // 2].copy()
         self.columns = slot.input_columns()
-        self.linear_columns = slot.linear_columns()
-        self.rest_stiffness = np.linalg.pinv(self.linear_compliance)
-        self.at_rest = rest_response(self.response, self.linear_compliance)
+        self.at_rest = AtRest(
+            self.fingers,
+            record['linear_compliance'][:k, :k].copy(),
+            record['second_order'][:k, : k * (k + 1) // 2].copy(),
+            slot.linear_columns(),
+            self.response.lateral,
+            self.response.travel_offset,
+        )
         self.bend_direction = record['bend_direction'][:k].copy()
         self.bend_offset = float(record['bend_offset'])
         self.bend_reach = float(record['bend_reach'])
@@ -66,13 +72,29 @@ class Adopted:
         self.pose = pose_of(record['pose'])
         self.pose_root = _root(record['pose_covariance'])
 
+    def knows(self, sample: ContactSample, pose: Pose) -> NDArray[np.bool_]:
+        """(p,) rows of a sample, one per finger, that press one of these contacts.
+
+        A finger that is far from where it was pressed has touched anew, whatever its number.
+        """
+        index = np.minimum(np.searchsorted(self.fingers, sample.finger), len(self.fingers) - 1)
+        if index.min(initial=0) < 0:
+            return np.zeros(len(sample.finger), bool)
+        away = pose.to_object(sample.point) - self._anchor[index]
+        along = np.einsum('pi,pi->p', away, self._axis[index])
+        sideways = np.einsum('pi,pi->p', away, away) - along * along
+        reach = np.maximum(LONGEST_SLIDE * sample.radius, SHORTEST_JUMP)
+        return (self.fingers[index] == sample.finger) & (sideways < reach * reach)
+
     def bend(self, moved: Array) -> tuple[float, float, float]:
         """Inputs of the second-order field for moved contacts (k,) [m].
 
         Returns what it is multiplied with and how much of that is uncertain [m^2], and the input
         of the unknown third order [m^3]. The field was measured between the last two equilibria
-        and serves along that direction.
+        and serves along that direction. Where there was only one, all of it is error.
         """
+        if not self.bend_direction.any():
+            return 0.0, float(moved @ moved), self._cube(float(np.linalg.norm(moved)))
         along = float(self.bend_direction @ moved)
         reach = BEND_REACH * self.bend_reach
         used = min(max(along, -reach), reach)
@@ -85,12 +107,6 @@ class Adopted:
         """Error estimate [m], at the worst vertex, of the step of the contacts by `moved` (k,)."""
         _, bend_error, third = self.bend(moved)
         return self.worst_bend * bend_error + self.worst_third * third
-
-    def missed_from_rest(self, displacement: Array) -> float:
-        """The same of linear theory from rest for contacts displaced by (k,) [m]."""
-        push = self.rest_stiffness @ displacement
-        share = linear_error(self.linear_compliance, self.second_order, push, displacement)
-        return share * float(np.abs(displacement).max())
 
     def doubted(self, measured: Measured) -> Measured:
         """The same with wider gauges.

@@ -13,20 +13,21 @@ from shell_deform.live.tick.states import LiveState
 
 CONTRADICTION_LIMIT = 3.0
 
+TAKING_UP = 'taking up the contacts: until their equilibrium is found linear theory answers'
+
 
 @dataclass(frozen=True)
 class Condition:
     """The estimator and what surrounds it, at one moment.
 
     Attributes:
-        state: as published. period: of the samples, on the steady clock [s], 0 before it is known.
+        state: as published.
         estimator, served: None before the shell is built, before the first answer.
         modulus: None while it is not learned. failure: why the shell cannot be built, or ''.
         unusable: why the last refused sample was refused, or ''.
     """
 
     state: LiveState
-    period: float
     figures: Figures
     link: WorkerLink
     estimator: Estimator | None
@@ -48,10 +49,12 @@ def judge(condition: Condition) -> tuple[str, str]:
         return 'stale', 'no fresh contacts'
     if estimator is None:
         return 'warn', 'the background process is building the shell'
-    if not condition.link.worker.alive:
-        return 'warn', 'the background process ended and is started again'
+    if condition.link.trouble:
+        return 'warn', f'the background process {condition.link.trouble}'
     if served is not None and served.contradiction > CONTRADICTION_LIMIT:
         return 'warn', f'force and motion contradict: {served.suspect}'
+    if served is not None and served.taking_up and condition.state.is_served:
+        return 'warn', TAKING_UP
     if adopted is not None and adopted.share < 1.0:
         return 'warn', f'the last load case is not carried: {adopted.message}'
     if condition.state is LiveState.SATURATED:
@@ -65,11 +68,11 @@ def values(condition: Condition, now: float) -> dict[str, object]:
     result: dict[str, object] = {
         'state': condition.state.value,
         'samples': figures.stamps.samples,
-        'lost': figures.stamps.lost,
+        'lost': 'unknown' if figures.losses.lost is None else figures.losses.lost,
         'refused': figures.refused,
         'late': figures.stamps.late,
         'jumps of time': figures.stamps.jumps,
-        'input rate [Hz]': 1.0 / condition.period if condition.period else 0.0,
+        'input rate [Hz]': figures.input_rate(now),
         'tick median [ms]': 1e3 * figures.ticks.percentile(50),
         'tick p99 [ms]': 1e3 * figures.ticks.percentile(99),
         'contacts in to surface out median [ms]': 1e3 * figures.answers.percentile(50),
@@ -77,6 +80,7 @@ def values(condition: Condition, now: float) -> dict[str, object]:
         'start to first surface [s]': figures.first_surface,
         'background restarts': link.restarts,
         'background alive': link.worker.alive,
+        'background trouble': link.trouble,
         'background refreshes': figures.refreshes,
         'background refresh rate [Hz]': figures.refresh_rate(now),
         'memory of node and background [MB]': 1e-6
@@ -93,6 +97,7 @@ def values(condition: Condition, now: float) -> dict[str, object]:
         result['background says'] = adopted.message
     if served is not None:
         result['nonlinear age [s]'] = served.nonlinear_age
+        result['answer'] = served.answer
         result['error of the linear step [mm]'] = 1e3 * served.extrapolation
         result['contradiction'] = served.contradiction
         result['suspect'] = served.suspect

@@ -7,17 +7,20 @@ known of the errors. It allocates only small arrays and never waits.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from shell_deform.live.exchange import Slot
 from shell_deform.live.pose import IDENTITY, Pose
 from shell_deform.live.tick.adopted import Adopted
+from shell_deform.live.tick.at_rest import AtRest
+from shell_deform.live.tick.first_touch import FirstTouch
 from shell_deform.live.tick.fusion import ErrorModel, Posterior, fuse
-from shell_deform.live.tick.fusion_types import Measured
-from shell_deform.live.tick.linearity import linear_error
+from shell_deform.live.tick.fusion_types import Measured, Response
 from shell_deform.live.tick.load_request import write_load
 from shell_deform.live.tick.release import measured_displacement, pressing
 from shell_deform.live.tick.sample import ContactSample, one_row_per_finger
@@ -68,6 +71,34 @@ class Served:
     displacement: Array
     unknown: tuple[int, ...]
 
+    @property
+    def taking_up(self) -> bool:
+        """Whether a finger presses that no equilibrium knows yet."""
+        return bool(self.unknown)
+
+    @property
+    def answer(self) -> str:
+        """What kind of answer this is, in words."""
+        if self.taking_up:
+            return 'taking up'
+        return 'nonlinear' if len(self.force) else 'at rest'
+
+
+@dataclass(frozen=True)
+class Joined:
+    """What fingers that no equilibrium knows yet add to one.
+
+    Attributes:
+        fingers: their numbers. columns: (n, 3, m) motion per push. inputs: (m,) pushes [N].
+        root: (m, i) of their covariance. doubt: what all this is wrong by [m].
+    """
+
+    fingers: tuple[int, ...]
+    columns: Array
+    inputs: Array
+    root: Array
+    doubt: float
+
 
 class Estimator:
     """The tick and what it remembers between samples."""
@@ -82,8 +113,8 @@ class Estimator:
         self.posterior: Posterior | None = None
         self.measured: Measured | None = None
         self.sample: ContactSample | None = None
-        self._push = np.zeros(0)
-        self._push_root = np.zeros((0, 0))
+        self.first_touch: FirstTouch | None = None
+        self._linear: tuple[AtRest, Array, Array] | None = None
         n = len(rest)
         self._packed = np.zeros((n, len(FIELDS)), dtype=np.float32)
         self._packed_linear = np.zeros_like(self._packed)
@@ -118,71 +149,136 @@ class Estimator:
         merged = one_row_per_finger(sample, self.settings.default_radius)
         merged = pressing(merged, self.settings.errors)
         self.sample = merged
-        adopted = self.adopted
-        if adopted is None or not len(adopted.fingers) or not len(merged.finger):
+        self._linear = None
+        if not len(merged.finger):
+            if self.first_touch is not None:
+                self.first_touch.forget()
             return self._serve_rest(merged)
+        adopted = self.adopted
+        known = np.zeros(len(merged.finger), bool)
+        if adopted is not None:
+            known = adopted.knows(merged, self.pose_in_use)
+        first = self._first(merged) if not known.all() else None
+        if adopted is None or not known.any():
+            if first is None:
+                return self._serve_rest(merged)
+            return self._serve_from_rest(first, merged, math.nan, ())
         response = adopted.response
-        measured = self._measured(adopted, merged)
+        pressed = merged if first is None else merged.rows(known)
+        unknown = tuple(merged.finger[~known].tolist())
+        measured = self._measured(response, adopted.fingers, pressed)
         now = measured_displacement(response, measured)
-        if adopted.missed_from_rest(now) < FIRMLY * adopted.missed(now - response.displacement):
-            return self._serve_from_rest(adopted, measured, merged)
+        better = FIRMLY * adopted.missed(now - response.displacement)
+        if adopted.at_rest.error(now) < better:
+            age = 1e-9 * (sample.stamp - adopted.stamp)
+            return self._serve_from_rest(adopted.at_rest, pressed, age, unknown)
         posterior = fuse(self.settings.errors, response, adopted.doubted(measured))
         self.posterior, self.measured = posterior, measured
-        k = len(adopted.fingers)
         inputs = posterior.inputs
+        k = len(adopted.fingers)
         moved = response.displacement_by @ inputs
-        unknown = _unknown(adopted, merged)
+        self._linear = adopted.at_rest, response.force + inputs[:k], posterior.root[:k]
         doubt = _doubt(merged, unknown)
+        joined = self._joined(first, known, merged, doubt)
+        return self._serve_nonlinear(adopted, posterior, moved, sample.stamp, joined)
+
+    def _serve_nonlinear(
+        self,
+        adopted: Adopted,
+        posterior: Posterior,
+        moved: Array,
+        stamp: int,
+        joined: Joined,
+    ) -> Served:
+        """About the last equilibrium: contacts `moved` (k,) [m] from there, `joined` on top."""
+        response, k = adopted.response, len(adopted.fingers)
+        columns, inputs, root = adopted.columns, posterior.inputs, posterior.root
+        if len(joined.inputs):
+            columns = np.concatenate([columns, joined.columns], axis=2)
+            inputs = np.concatenate([inputs, joined.inputs])
+            root = scipy.linalg.block_diag(root, joined.root)
         bend, bend_error, third = adopted.bend(moved)
         pose = self.pose_in_use
         largest = serve(
             self.rest,
             adopted.slot.surface,
             adopted.slot.normals,
-            adopted.columns,
+            columns,
             inputs,
-            posterior.root,
+            root,
             adopted.slot.bend,
             bend,
             bend_error,
             adopted.slot.third,
             third,
-            doubt,
+            joined.doubt,
             pose.rotation,
             pose.translation,
             adopted.pose_root,
             self._packed,
         )
-        force = response.force + inputs[:k]
+        extra = posterior.inputs[:k]
+        force = response.force + extra
         displacement = response.displacement + moved
-        self._push, self._push_root = force, posterior.root[:k]
         return Served(
-            stamp=sample.stamp,
+            stamp=stamp,
             packed=self._packed,
             max_displacement=largest,
-            linearity=linear_error(
-                adopted.linear_compliance, adopted.second_order, force, displacement
-            ),
-            strain_energy=adopted.energy + float((response.force + 0.5 * inputs[:k]) @ moved),
-            nonlinear_age=1e-9 * (sample.stamp - adopted.stamp),
+            linearity=adopted.at_rest.missed(force, displacement),
+            strain_energy=adopted.energy + float((response.force + 0.5 * extra) @ moved),
+            nonlinear_age=1e-9 * (stamp - adopted.stamp),
             snap_margin=adopted.snap_margin,
             contradiction=posterior.contradiction,
             suspect=posterior.suspect,
-            extrapolation=adopted.worst_bend * bend_error + adopted.worst_third * third + doubt,
+            extrapolation=adopted.worst_bend * bend_error
+            + adopted.worst_third * third
+            + joined.doubt,
             force=force,
             displacement=displacement,
-            unknown=unknown,
+            unknown=joined.fingers,
         )
+
+    def _first(self, sample: ContactSample) -> AtRest | None:
+        """Linear theory for contacts nobody knows yet; None before the pose is known."""
+        placed = self.pose is not None or (self.adopted is not None and len(self.adopted.fingers))
+        if self.first_touch is None or not placed:
+            return None
+        return self.first_touch.answer(sample, self.pose_in_use)
+
+    def _joined(
+        self,
+        first: AtRest | None,
+        known: NDArray[np.bool_],
+        sample: ContactSample,
+        unknown_dent: float,
+    ) -> Joined:
+        """Fingers that join a grasp, by the tangent at rest; the others keep their dents.
+
+        Where that has no answer, `unknown_dent` [m] is all that is said.
+        """
+        fingers = tuple(sample.finger[~known].tolist())
+        if first is None or self.first_touch is None:
+            nothing = np.zeros((len(self.rest), 3, 0))
+            return Joined(fingers, nothing, np.zeros(0), np.zeros((0, 0)), unknown_dent)
+        new = self.first_touch.beside(first, known)
+        measured = self._measured(new.response, new.fingers, sample)
+        found = fuse(self.settings.errors, new.response, _without_grip(measured))
+        m = len(new.fingers)
+        push = found.inputs[:m]
+        moved = new.compliance @ push
+        size = float(np.abs(moved).max())
+        margin = 1.0 if self.adopted is None else min(max(self.adopted.snap_margin, 0.0), 1.0)
+        # What bends the response of its own dent, and what softened the shell meanwhile.
+        doubt = (new.missed(push, moved) + 1.0 - margin) * size
+        return Joined(fingers, new.columns, push, np.ascontiguousarray(found.root[:m]), doubt)
 
     def linear(self) -> NDArray[np.float32]:
         """The paper's linear theory from rest under the pushes of the last tick, packed (n, 8)."""
-        adopted = self.adopted
-        if adopted is None or len(self._push) != len(adopted.fingers) or not len(self._push):
+        if self._linear is None:
             self._pack_rest(self._packed_linear)
-            return self._packed_linear
-        self._pack(
-            self._packed_linear, self.rest, adopted.linear_columns, self._push, self._push_root
-        )
+        else:
+            at_rest, push, root = self._linear
+            self._pack(self._packed_linear, self.rest, at_rest.columns, push, root)
         return self._packed_linear
 
     def nonlinear(self) -> NDArray[np.float32] | None:
@@ -209,15 +305,16 @@ class Estimator:
             self.posterior,
         )  # fmt: skip
 
-    def _measured(self, adopted: Adopted, sample: ContactSample) -> Measured:
-        """The sample's values in the order of the known contacts."""
-        fingers = adopted.fingers
+    def _measured(
+        self, response: Response, fingers: NDArray[np.int64], sample: ContactSample
+    ) -> Measured:
+        """The sample's values in the order of the contacts of `response`."""
         if np.array_equal(fingers, sample.finger):
             index, present = np.arange(len(fingers)), np.ones(len(fingers), bool)
         else:
             index = np.minimum(np.searchsorted(sample.finger, fingers), len(sample.finger) - 1)
             present = sample.finger[index] == fingers
-        lateral = adopted.response.lateral @ self.pose_in_use.rotation.T
+        lateral = response.lateral @ self.pose_in_use.rotation.T
         force = sample.force[index]
         return Measured(
             finger=fingers,
@@ -234,48 +331,55 @@ class Estimator:
     def _serve_rest(self, sample: ContactSample) -> Served:
         """Nothing presses, or nothing is known of what presses."""
         self.posterior = self.measured = None
-        self._push = np.zeros(0)
         unknown = tuple(sample.finger.tolist())
         doubt = _doubt(sample, unknown)
         self._pack_rest(self._packed, doubt)
         empty = np.zeros(0)
         return Served(
-            sample.stamp, self._packed, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, '', doubt, empty, empty,
-            unknown,
+            sample.stamp, self._packed, 0.0, 0.0, 0.0, math.nan if unknown else 0.0, 1.0, 0.0, '',
+            doubt, empty, empty, unknown,
         )  # fmt: skip
 
     def _serve_from_rest(
-        self, adopted: Adopted, measured: Measured, sample: ContactSample
+        self, at_rest: AtRest, sample: ContactSample, age: float, unknown: tuple[int, ...]
     ) -> Served:
-        """Linear theory from rest, the better tangent here; sigma has what it is known to miss."""
-        known = measured._replace(sigma_tangential=np.full_like(measured.sigma_tangential, np.inf))
-        found = fuse(self.settings.errors, adopted.at_rest, known)
+        """Linear theory from rest; sigma has what it is known to miss.
+
+        It serves before the first equilibrium of a grasp (`age` NaN), and where rest is the better
+        tangent. `unknown`: fingers in the sample beside those of `at_rest`.
+        """
+        taking_up = math.isnan(age)
+        measured = _without_grip(self._measured(at_rest.response, at_rest.fingers, sample))
+        errors = self.settings.errors
+        uses_motion = errors.drive != 'force'
+        weighed = at_rest.doubted(measured) if taking_up and uses_motion else measured
+        found = fuse(errors, at_rest.response, weighed)
         self.posterior = self.measured = None
-        k = len(adopted.fingers)
-        self._push, self._push_root = found.inputs[:k], found.root[:k]
-        displacement = adopted.linear_compliance @ self._push
-        missed = linear_error(
-            adopted.linear_compliance, adopted.second_order, self._push, displacement
-        )
-        unknown = _unknown(adopted, sample)
-        doubt = _doubt(sample, unknown) + missed * float(np.abs(displacement).max())
-        largest = self._pack(
-            self._packed, self.rest, adopted.linear_columns, self._push, self._push_root, doubt
-        )
+        k = len(at_rest.fingers)
+        push, root = found.inputs[:k], found.root[:k]
+        self._linear = at_rest, push, root
+        displacement = at_rest.compliance @ push
+        missed = at_rest.missed(push, displacement)
+        doubt = _doubt(sample, unknown)
+        if taking_up:
+            doubt += at_rest.doubt(push, measured, uses_motion)
+        else:
+            doubt += missed * float(np.abs(displacement).max())
+        largest = self._pack(self._packed, self.rest, at_rest.columns, push, root, doubt)
         return Served(
             stamp=sample.stamp,
             packed=self._packed,
             max_displacement=largest,
             linearity=missed,
-            strain_energy=0.5 * float(self._push @ displacement),
-            nonlinear_age=1e-9 * (sample.stamp - adopted.stamp),
+            strain_energy=0.5 * float(push @ displacement),
+            nonlinear_age=age,
             snap_margin=1.0,
             contradiction=found.contradiction,
             suspect=found.suspect,
             extrapolation=doubt,
-            force=self._push,
+            force=push,
             displacement=displacement,
-            unknown=unknown,
+            unknown=tuple(at_rest.fingers.tolist()) if taking_up else unknown,
         )
 
     def _pack_rest(self, packed: NDArray[np.float32], doubt: float = 0.0) -> None:
@@ -307,10 +411,10 @@ class Estimator:
         return self.adopted.slot.normals
 
 
-def _unknown(adopted: Adopted, sample: ContactSample) -> tuple[int, ...]:
-    """Fingers in contact that the background process has not taken up yet."""
-    known = set(adopted.fingers.tolist())
-    return tuple(f for f in sample.finger.tolist() if f not in known)
+def _without_grip(measured: Measured) -> Measured:
+    """The same without tangential forces, which linear theory from rest knows nothing of."""
+    nobody = np.full_like(measured.sigma_tangential, np.inf)
+    return measured._replace(sigma_tangential=nobody)
 
 
 def _doubt(sample: ContactSample, unknown: tuple[int, ...]) -> float:

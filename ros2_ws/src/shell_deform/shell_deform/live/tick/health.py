@@ -48,7 +48,7 @@ class Arrival(Enum):
 
 
 class StampWatch:
-    """Counts what the stamps of a stream tell: samples, losses, repeats, late ones, jumps of time.
+    """Counts what the stamps of a stream tell: samples, repeats, late ones, jumps of time.
 
     Time jumps when it goes back (a bag played again, a seek) and when it runs ahead of the steady
     clock (a seek forwards, a clock set anew). A pause of the hand is neither: both clocks go on.
@@ -57,7 +57,6 @@ class StampWatch:
 
     def __init__(self) -> None:
         self.samples = 0
-        self.lost = 0
         self.repeated = 0
         self.late = 0
         self.jumps = 0
@@ -86,21 +85,51 @@ class StampWatch:
             self.jumps += 1
             self._period = 0.0
             return Arrival.JUMPED
-        self._count_lost(gap)
+        self._learn_period(gap)
         return Arrival.NEXT
 
-    def _count_lost(self, gap: float) -> None:
+    def _learn_period(self, gap: float) -> None:
+        """A slow mean in which neither a burst nor a pause counts for more than twice."""
         if self._period == 0.0:
             self._period = gap
+        else:
+            self._period *= min(max(gap / self._period, 0.5), 2.0) ** 0.1
+
+
+class LossCount:
+    """Messages lost on the way, from the sequence numbers of the middleware.
+
+    Every publisher counts its own, and a message does not say whose it is: with several of them,
+    or where the middleware does not number, the loss is unknown (None), never guessed.
+    """
+
+    def __init__(self) -> None:
+        self._lost = 0
+        self._pending = 0
+        self._last: int | None = None
+        self._unknown = False
+
+    def arrived(self, sequence: int | None) -> None:
+        """A message came with its number."""
+        if sequence is None:
+            self._unknown = True
             return
-        missing = round(gap / self._period) - 1
-        # A pause is no loss: beyond a second the stream stopped.
-        if missing > 0 and gap < 1.0:
-            self.lost += missing
-        elif missing == 0:
-            self._period += 0.1 * (gap - self._period)
-        elif gap < self._period:
-            self._period = gap
+        if self._last is not None and sequence > self._last + 1:
+            self._pending += sequence - self._last - 1
+        self._last = sequence
+
+    def settle(self, publishers: int) -> None:
+        """Once in a while: gaps so far are losses if they came from one publisher."""
+        if publishers > 1:
+            self._unknown, self._last = True, None
+        elif not self._unknown:
+            self._lost += self._pending
+        self._pending = 0
+
+    @property
+    def lost(self) -> int | None:
+        """How many, None if unknown."""
+        return None if self._unknown else self._lost + self._pending
 
 
 @dataclass
@@ -108,18 +137,24 @@ class Figures:
     """What the node counts and measures.
 
     Attributes:
-        stamps: of the contacts. ticks: from the call for a sample to its published surface.
+        stamps, losses: of the contacts.
+        ticks: from the call for a sample to its published surface.
         answers: from the publication of a sample, elsewhere, to that of its surface.
         refused: samples that could not be used. refreshes: load cases answered in the background.
+        arrivals: messages of contacts that came, whatever they said.
         first_surface: from the start of the process to the first served surface [s].
     """
 
     stamps: StampWatch = field(default_factory=StampWatch)
+    losses: LossCount = field(default_factory=LossCount)
     ticks: Latencies = field(default_factory=Latencies)
     answers: Latencies = field(default_factory=Latencies)
     refused: int = 0
     refreshes: int = 0
     first_surface: float = 0.0
+    arrivals: int = 0
+    _arrivals_counted: int = 0
+    _arrivals_counted_at: float = 0.0
     _answered: int = 0
     _counted: int = 0
     _counted_at: float = 0.0
@@ -128,6 +163,12 @@ class Figures:
         """A result for load case number `answers` came; a second one for it is no refresh."""
         self.refreshes += int(answers != self._answered)
         self._answered = answers
+
+    def input_rate(self, now: float) -> float:
+        """Messages of contacts per second [Hz] since the last call; `now` is steady [s]."""
+        came, passed = self.arrivals - self._arrivals_counted, now - self._arrivals_counted_at
+        self._arrivals_counted, self._arrivals_counted_at = self.arrivals, now
+        return came / max(passed, 1e-9)
 
     def refresh_rate(self, now: float) -> float:
         """Refreshes per second [Hz] since the last call; `now` is steady [s]."""

@@ -38,3 +38,25 @@ def linear_error(
         depth = float(np.abs(displacement).max(initial=0.0)) / size
     q = float(bend[worst] / linear[worst]) * depth
     return 1.0 - 1.0 / (1.0 + q + 0.5 * q * q) if q > 0 else -q
+
+
+def softened_depth(compliance: Array, second_order: Array, force: Array) -> float:
+    """Largest displacement [m] that pushes (k,) [N] make, as far as the second order tells.
+
+    Linear theory gives a F; with the stiffness of the module the true w obeys w / (1 + q + q^2/2)
+    = a F, q = (b / a^2) w. Where no w does, the shell has given way: the answer is the w at which
+    the push would have been largest.
+    """
+    linear = compliance @ force
+    bend = second_order @ pair_products(force)
+    size = float(np.abs(linear).max(initial=0.0))
+    if size == 0.0:
+        return 0.0
+    worst = int(np.argmax(np.abs(linear)))
+    q = float(bend[worst] / linear[worst])
+    if q <= 0.0:
+        return size
+    rest = (1.0 - q) ** 2 - 2.0 * q * q
+    if q >= 1.0 or rest < 0.0:
+        return size * np.sqrt(2.0) / q
+    return size * ((1.0 - q) - float(np.sqrt(rest))) / (q * q)

@@ -10,6 +10,7 @@ from shell_deform.live.background.worker import share
 from shell_deform.live.exchange import REQUEST
 from shell_deform.live.pose import IDENTITY
 from shell_deform.live.tick.estimator import Estimator, Served, Settings
+from shell_deform.live.tick.first_touch import FirstTouch
 from shell_deform.live.tick.sample import ContactSample
 from shell_deform.model import ShellModel
 
@@ -25,6 +26,7 @@ class Rehearsal:
             self.memory.rest, self.memory.rest_normals, settings or Settings()
         )
         self.estimator.pose = IDENTITY
+        self.estimator.first_touch = FirstTouch(self.solver.rest_shell())
         self._request = np.zeros(1, REQUEST)
         self._sequence = 0
 

@@ -50,26 +50,3 @@ def measured_displacement(response: Response, measured: Measured) -> Array:
     now = measured.travel + response.travel_offset
     now = np.where(np.isfinite(now), now, by_push)
     return np.where(measured.present, now, 0.0)
-
-
-def rest_response(response: Response, compliance: Array) -> Response:
-    """The same contacts about rest: `compliance` (k, k) [m/N] of their pushes, nothing else moves.
-
-    What the fingers stand away from their dents (`travel_offset`) is kept: it is the pose.
-    """
-    k = len(response.force)
-    displacement_by = np.zeros((k, 3 * k + 1))
-    displacement_by[:, :k] = compliance
-    return Response(
-        force=np.zeros(k),
-        displacement=np.zeros(k),
-        travel_offset=response.travel_offset,
-        rigid=np.zeros(0),
-        rigid_scale=response.rigid_scale,
-        reaction=np.zeros(2 * k),
-        lateral=response.lateral,
-        rigid_reaction=np.zeros(0),
-        displacement_by=displacement_by,
-        reaction_by=np.zeros((2 * k, 3 * k + 1)),
-        rigid_by=np.zeros((0, 3 * k + 1)),
-    )

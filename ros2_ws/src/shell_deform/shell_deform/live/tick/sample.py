@@ -23,6 +23,9 @@ MOST_FORCE = 1000.0
 LONGEST_TRAVEL = 0.2
 WIDEST_RADIUS = 1.0
 
+SMALLEST_MEAN_NORMAL = 0.3
+"""Cells of one finger whose mean normal is shorter lie around the object: they are no finger."""
+
 
 class SampleError(ValueError):
     """A sample that cannot be used; says which row, which value and what is allowed."""
@@ -146,6 +149,8 @@ def one_row_per_finger(sample: ContactSample, default_radius: float) -> ContactS
     The merged row stands at the centre of pressure with the mean normal, carries the sum of the
     forces, and its patch is as wide as the cells are spread (a uniform disc of radius r has a
     mean squared distance of r^2 / 2). A radius that is not positive becomes `default_radius` [m].
+
+    Raises SampleError for rows of one finger that press against each other.
     """
     touching = sample.touching
     if not touching.all():
@@ -171,6 +176,11 @@ def _resultant(cells: ContactSample) -> ContactSample:
     share = share / share.sum() if share.sum() > 0 else np.full(len(share), 1.0 / len(share))
     point = share @ cells.point
     normal = share @ cells.normal
+    if np.linalg.norm(normal) < SMALLEST_MEAN_NORMAL:
+        raise SampleError(
+            f'finger {int(cells.finger[0])} has {len(cells.finger)} rows whose normals point '
+            'against each other; give every body that touches its own finger number'
+        )
     spread = share @ np.sum((cells.point - point) ** 2, axis=1)
     known = np.isfinite(cells.travel)
     return ContactSample(

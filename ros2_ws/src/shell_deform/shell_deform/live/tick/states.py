@@ -13,6 +13,9 @@ from shell_deform.live.tick.sample import (
     ContactSample,
 )
 
+LONGEST_GAP = 10.0
+"""A gap counts for the mean period by at most so many periods."""
+
 
 class LiveState(str, Enum):
     """Names of `deformation/state`."""
@@ -71,8 +74,11 @@ class Watch:
     def _arrived(self, now: float) -> None:
         gap = now - self._last
         self._last = now
-        if not np.isfinite(gap) or self.state in (LiveState.STALE, LiveState.NO_HAND):
+        # A hand that pauses is no slow hand; one whose samples come in bursts is.
+        if not np.isfinite(gap) or gap >= self.no_hand or self.state is LiveState.NO_HAND:
             return
+        if self.period > 0.0:
+            gap = min(gap, LONGEST_GAP * self.period)
         self.period = gap if self.period == 0.0 else self.period + 0.1 * (gap - self.period)
 
     @property

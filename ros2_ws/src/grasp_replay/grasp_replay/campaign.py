@@ -33,7 +33,8 @@ GRID_KEYS = ('young_modulus_pa', 'thickness_m', 'poisson_ratio', 'control_vertic
 class Task:
     """One bag with one choice of numbers.
 
-    `changes` are numbers of the object to replace; `young` as in `PipelineOptions`; `page`,
+    `changes` are numbers of the object to replace; `young`, `object_pose` (seven numbers),
+    `search` and `scan_unit` as in `PipelineOptions`; `page`,
     `samples` and `published` as in `Extent`.
     """
 
@@ -44,6 +45,9 @@ class Task:
     page: bool = True
     samples: bool = True
     published: Path | None = None
+    object_pose: tuple[float, ...] | None = None
+    search: bool = False
+    scan_unit: str = 'm'
 
 
 @dataclass
@@ -81,7 +85,8 @@ def task_key(task: Task) -> str:
     published = task.published or published_table(task.bag)
     for path in (folder / FILE_NAME, published, Path(name) if name else None):
         digest.update(path.read_bytes() if path is not None and path.is_file() else b'-')
-    choice = [name, task.young, list(task.changes), task.page, task.samples]
+    choice: list[Any] = [name, task.young, list(task.changes), task.page, task.samples]
+    choice += [task.object_pose, task.search, task.scan_unit]
     digest.update(json.dumps(choice).encode())
     digest.update(bag_sha256(task.bag).encode())
     digest.update(code_sha256().encode())
@@ -107,11 +112,17 @@ def run_task(task: Task, folder: Path) -> bool:
     """
     from grasp_replay.pipeline import PipelineOptions
     from grasp_replay.report_files import RESULTS, Extent, make_report
+    from shell_deform.live.pose import pose_of
 
     if (folder / RESULTS).is_file():
         return True
     options = PipelineOptions(
-        object_name=task.object_name, young=task.young, changes=dict(task.changes)
+        object_name=task.object_name,
+        object_pose=None if task.object_pose is None else pose_of(list(task.object_pose)),
+        search=task.search,
+        scan_unit=task.scan_unit,
+        young=task.young,
+        changes=dict(task.changes),
     )
     make_report(task.bag, folder, options, Extent(task.page, task.samples, task.published))
     return False

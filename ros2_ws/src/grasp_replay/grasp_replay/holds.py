@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,13 +74,14 @@ class Hold:
     """A scan and the load it was taken under; `contacts` is None for the undeformed object.
 
     `pose`: of the object in the frame of the contacts. `points` (n, 3): the scan in the object's
-    frame [m].
+    frame [m]. `notes` say what was dropped of it.
     """
 
     entry: ScanEntry
     pose: Pose
     points: Array
     contacts: HeldContacts | None
+    notes: tuple[str, ...] = ()
 
 
 def usable(sample: ContactSample, default_radius: float = DEFAULT_RADIUS_M) -> ContactSample:
@@ -101,6 +102,11 @@ def holds_of(
         ScanEntry(scan.stamp, held=number > 0) for number, scan in enumerate(recording.scans)
     )
     scans = {scan.stamp: scan for scan in recording.scans}
+    headers = [scan.header_stamp for scan in recording.scans]
+    for scan in recording.scans:
+        # where scans go by the times of recording, their own stamps may still name them
+        if headers.count(scan.header_stamp) == 1:
+            scans.setdefault(scan.header_stamp, scan)
     if not entries:
         raise BagError(f'{recording.path} holds no scan to compare with')
     missing = [entry.stamp for entry in entries if entry.stamp not in scans]
@@ -108,8 +114,12 @@ def holds_of(
         raise BagError(
             f'{recording.path}: no scan has the stamp {missing[0]} ns that the experiment names'
         )
+    chosen = [scans[entry.stamp] for entry in entries]
+    if len({scan.stamp for scan in chosen}) < len(chosen):
+        raise BagError(f'{recording.path}: the experiment names a scan twice; name each once')
     return tuple(
-        _hold(recording, experiment, entry, scans[entry.stamp], pose) for entry in entries
+        _hold(recording, experiment, replace(entry, stamp=scan.stamp), scan, pose)
+        for entry, scan in zip(entries, chosen, strict=True)
     )
 
 

@@ -7,7 +7,7 @@ the same bag and options give the same numbers.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +16,16 @@ from numpy.typing import NDArray
 from grasp_replay.errors import BagError
 from grasp_replay.experiment import Experiment, read_experiment
 from grasp_replay.holds import HeldContacts, Hold, holds_of
+from grasp_replay.placement import placement
 from grasp_replay.recording import Recording, bag_sha256, read_recording
 from grasp_replay.theories import THEORIES, Solved, TheorySet, theory_set
 from scan_compare.comparison import Comparison, ComparisonError, compare
+from scan_compare.formats import RawMesh
 from scan_compare.registration import RegistrationError
+from scan_compare.rigid import Pose as ScanPose
 from scan_compare.scan import Scan
-from scan_compare.units import UnitError, choose_unit, robust_extent
+from scan_compare.scan_file import ScanFileError, scan_of
+from scan_compare.units import UnitError, metres_per_unit
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.live.pose import Pose
 from shell_deform.solve.equilibrium import Equilibrium
@@ -40,6 +44,8 @@ class PipelineOptions:
     Attributes:
         object_name: name or file; None takes the one the recording names.
         object_pose: of the object in the frame of the contacts; None takes the recorded one.
+        search: find that pose with the first scan, whatever is recorded.
+        scan_unit: of the numbers in the recorded clouds.
         young: 'fit' (on the first held scan), 'object' (as the object file says), or 'auto': fit
             where at least two scans are held, so that the others remain predictions.
         changes: numbers of the object to replace, such as thickness_m.
@@ -47,6 +53,8 @@ class PipelineOptions:
 
     object_name: str | None = None
     object_pose: Pose | None = None
+    search: bool = False
+    scan_unit: str = 'm'
     young: str = 'auto'
     changes: dict[str, float] = field(default_factory=dict)
 
@@ -79,7 +87,10 @@ class Row:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Everything a run found; `shell` carries the modulus in use and `young_from` its origin."""
+    """Everything a run found; `shell` carries the modulus in use and `young_from` its origin.
+
+    `pose`: of the object in the frame of the contacts where it is one for the whole recording.
+    """
 
     bag_sha256: str
     recording: Recording
@@ -89,6 +100,7 @@ class Outcome:
     young_from: str
     undeformed: Hold | None
     rows: tuple[Row, ...]
+    pose: Pose | None = None
 
 
 def run(
@@ -100,30 +112,54 @@ def run(
     """
     show(0.0, 'reading')
     experiment = read_experiment(bag)
-    recording = read_recording(bag)
-    holds = holds_of(recording, experiment, options.object_pose)
+    recording = _in_metres(read_recording(bag), options.scan_unit)
+    name = options.object_name or experiment.object_file or DEFAULT_OBJECT
+    place = placement(recording, experiment, name, options.object_pose, options.search)
+    recording = place.recording
+    holds = holds_of(recording, experiment, place.pose)
     held = [hold for hold in holds if hold.contacts is not None]
     if not held:
         raise BagError(f'{bag} holds no scan under load, so there is nothing to compare')
-    undeformed = next((hold for hold in holds if hold.contacts is None), None)
-    name = options.object_name or experiment.object_file or DEFAULT_OBJECT
     show(0.05, 'meshing')
     shell = _meshed(name, held[0], options)
-    for hold in holds:
-        _check_size(hold, shell)
+    notes = (*recording.notes, *place.notes)
+    holds = tuple(_welded(hold, shell, notes) for hold in holds)
+    held = [hold for hold in holds if hold.contacts is not None]
+    undeformed = next((hold for hold in holds if hold.contacts is None), None)
     young_from = f'object {shell.shell.name}'
     if options.young == 'fit' or (options.young == 'auto' and len(held) > 1):
         show(0.1, "fitting Young's modulus")
-        shell, young_from = _fitted(shell, held[0], undeformed, experiment)
+        shell, young_from = _fitted(shell, held[0], undeformed, experiment, place.scan_start)
     rows: list[Row] = []
     states: dict[str, Equilibrium | None] = dict.fromkeys(THEORIES)
     for number, hold in enumerate(held, 1):
         show(0.2 + 0.8 * (number - 1) / len(held), f'load {number} of {len(held)}')
-        rows.append(_row(number, hold, undeformed, shell, experiment, states))
+        setting = _Setting(undeformed, shell, experiment, place.scan_start)
+        rows.append(_row(number, hold, setting, states))
     show(1.0, 'done')
     return Outcome(
-        bag_sha256(bag), recording, experiment, name, shell, young_from, undeformed, tuple(rows)
+        bag_sha256(bag),
+        recording,
+        experiment,
+        name,
+        shell,
+        young_from,
+        undeformed,
+        tuple(rows),
+        place.pose,
     )
+
+
+def _in_metres(recording: Recording, unit: str) -> Recording:
+    """The recording with its scans scaled from `unit`."""
+    try:
+        scale = metres_per_unit(unit)
+    except UnitError as error:
+        raise BagError(str(error)) from error
+    if scale == 1.0:
+        return recording
+    scans = tuple(replace(scan, points=scale * scan.points) for scan in recording.scans)
+    return replace(recording, scans=scans)
 
 
 def _meshed(name: str, first: Hold, options: PipelineOptions) -> TheorySet:
@@ -135,25 +171,44 @@ def _meshed(name: str, first: Hold, options: PipelineOptions) -> TheorySet:
     return theory_set(name, at_rest, float(contacts.radius.min()), options.changes)
 
 
-def _check_size(hold: Hold, shell: TheorySet) -> None:
-    """Raise BagError for a scan without points, or so large or small that its unit is wrong."""
+def _welded(hold: Hold, shell: TheorySet, notes: tuple[str, ...]) -> Hold:
+    """The hold with its scan as every scan goes in: finite, welded, of the object's size.
+
+    Raises BagError for a scan without points, or so large or small that its unit is wrong.
+    """
+    surface = shell.model.surface.limit_positions(shell.model.rest)
+    size = float(np.ptp(surface, axis=0).max())
+    source = f'the scan at {hold.entry.stamp} ns'
     try:
-        if not len(hold.points):
-            raise UnitError('it has no points')
-        surface = shell.model.surface.limit_positions(shell.model.rest)
-        choose_unit(robust_extent(hold.points), 'm', float(np.ptp(surface, axis=0).max()))
-    except UnitError as error:
-        raise BagError(f'the scan at {hold.entry.stamp} ns: {error}') from error
+        scan = scan_of(RawMesh(hold.points.copy(), None), source, 'm', size)
+    except ScanFileError as error:
+        raise BagError(str(error)) from error
+    return replace(hold, points=scan.points, notes=(*notes, *scan.notes))
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """What all rows of a run share."""
+
+    undeformed: Hold | None
+    shell: TheorySet
+    experiment: Experiment
+    scan_start: ScanPose | None
 
 
 def _fitted(
-    shell: TheorySet, hold: Hold, undeformed: Hold | None, experiment: Experiment
+    shell: TheorySet,
+    hold: Hold,
+    undeformed: Hold | None,
+    experiment: Experiment,
+    scan_start: ScanPose | None,
 ) -> tuple[TheorySet, str]:
     """The shell with the modulus that carries the first load at its measured displacement.
 
     That of a shell which only bends: no theory here knows the squeezed material under a pin.
     """
-    row = _row(1, hold, undeformed, shell, experiment, dict.fromkeys(THEORIES), ('koiter',))
+    setting = _Setting(undeformed, shell, experiment, scan_start)
+    row = _row(1, hold, setting, dict.fromkeys(THEORIES), ('koiter',))
     depths = [profile.bent_apex_m for profile in row.reference.profiles]
     if not depths or min(depths) <= 0.0:
         raise BagError(
@@ -167,13 +222,12 @@ def _fitted(
 def _row(
     number: int,
     hold: Hold,
-    undeformed: Hold | None,
-    shell: TheorySet,
-    experiment: Experiment,
+    setting: _Setting,
     states: dict[str, Equilibrium | None],
     theories: tuple[str, ...] = THEORIES,
 ) -> Row:
     contacts = hold.contacts
+    shell = setting.shell
     assert contacts is not None
     patches = shell.patches(contacts)
     if any(state is not None and len(state.force) != len(patches) for state in states.values()):
@@ -187,9 +241,7 @@ def _row(
         if solved[theory].surface is None:
             continue
         states[theory] = solved[theory].state
-        compared[theory] = _compare(
-            hold, undeformed, shell, solved[theory], patches, experiment, first
-        )
+        compared[theory] = _compare(hold, setting, solved[theory], patches, first)
         first = first or compared[theory]
     if first is None:
         raise BagError(
@@ -201,22 +253,22 @@ def _row(
 
 def _compare(
     hold: Hold,
-    undeformed: Hold | None,
-    shell: TheorySet,
+    setting: _Setting,
     solved: Solved,
     patches: tuple[ContactPatch, ...],
-    experiment: Experiment,
     first: Comparison | None,
 ) -> Comparison:
     """Hold a scan against one theory, in the pose found with the `first`, if there is one."""
     assert solved.surface is not None
+    undeformed = setting.undeformed
     try:
         return compare(
             _scan(hold),
             solved.surface,
             None if undeformed is None or first is not None else _scan(undeformed),
-            scanner_sigma_m=experiment.scanner_sigma,
-            contacts=shell.contacts_at_rest(patches),
+            scanner_sigma_m=setting.experiment.scanner_sigma,
+            start=setting.scan_start,
+            contacts=setting.shell.contacts_at_rest(patches),
             registration=None if first is None else first.registration,
         )
     except (ComparisonError, RegistrationError) as error:
@@ -224,4 +276,4 @@ def _compare(
 
 
 def _scan(hold: Hold) -> Scan:
-    return Scan(hold.points, None, 'm', False, f'scan at {hold.entry.stamp} ns')
+    return Scan(hold.points, None, 'm', False, f'scan at {hold.entry.stamp} ns', hold.notes)

@@ -62,7 +62,7 @@ def make_report(
     trace = None
     if extent.samples:
         watch(0.65, 'linear theory at every sample')
-        trace = trace_samples(outcome.recording, outcome.shell, options.object_pose)
+        trace = trace_samples(outcome.recording, outcome.shell, outcome.pose)
     results = document(outcome, published)
     part = out / '.part'
     shutil.rmtree(part, ignore_errors=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from scan_compare.formats import RawMesh, ScanFileError, parse_mesh, read_mesh_file
@@ -21,7 +22,7 @@ def read_scan(
     cannot be read, holds no points, or if the unit does not fit the object.
     """
     # the text is given up before points are welded: both at once would be the most memory needed
-    return scan_of(read_mesh_file(path), str(path), unit, expected_size_m)
+    return _explained(scan_of(read_mesh_file(path), str(path), unit, expected_size_m))
 
 
 def parse_scan(
@@ -32,7 +33,16 @@ def parse_scan(
     expected_size_m: float | None = None,
 ) -> Scan:
     """Read a scan from the bytes of a file of type `suffix`; see `read_scan`."""
-    return scan_of(parse_mesh(data, suffix, source), source, unit, expected_size_m)
+    return _explained(scan_of(parse_mesh(data, suffix, source), source, unit, expected_size_m))
+
+
+def _explained(scan: Scan) -> Scan:
+    """Return a scan from a file with the choice of its unit among its notes."""
+    return (
+        scan
+        if scan.unit_inferred
+        else replace(scan, notes=(*scan.notes, f'unit declared: {scan.unit}'))
+    )
 
 
 def scan_of(
@@ -52,14 +62,10 @@ def scan_of(
         raise ScanFileError(f'{source}: {error}') from None
     points = cleaned.points
     points *= chosen.metres
-    return Scan(
-        points,
-        cleaned.triangles,
-        chosen.name,
-        chosen.inferred,
-        source,
-        (*raw.notes, *cleaned.notes, chosen.explanation),
-    )
+    notes = (*raw.notes, *cleaned.notes)
+    if chosen.inferred:
+        notes = (*notes, chosen.explanation)
+    return Scan(points, cleaned.triangles, chosen.name, chosen.inferred, source, notes)
 
 
 def no_points(source: str, given: int) -> str:

@@ -46,6 +46,20 @@ def build_parser() -> argparse.ArgumentParser:
         help="Young's modulus: fitted on the first load of the bag, or the object's own; auto "
         'fits where at least two loads were scanned (default)',
     )
+    add(
+        '--object-pose',
+        type=_object_pose,
+        metavar='POSE',
+        help='pose of the object in the frame of the contacts: "x y z qx qy qz qw" (m), or '
+        '"search" for those at which its scans fit (default: recorded as object_pose, or in '
+        'experiment.yaml; where neither is and the object stands elsewhere, it is searched)',
+    )
+    add(
+        '--scan-unit',
+        default='m',
+        metavar='UNIT',
+        help='unit of the recorded clouds: m (default), mm, cm, um, inch, ft',
+    )
     add('--published', type=Path, metavar='YAML', help='published table to set beside')
     add('--no-page', action='store_true', help='numbers only: no page, no pictures')
     add('--no-samples', action='store_true', help='leave out linear theory at every sample')
@@ -61,6 +75,20 @@ def build_parser() -> argparse.ArgumentParser:
     add('--scheduler', metavar='ADDRESS', help='Dask scheduler, for example tcp://host:8786')
     add('--json', action='store_true', help='print the results as JSON on stdout')
     return parser
+
+
+def _object_pose(text: str) -> tuple[float, ...] | str:
+    if text == 'search':
+        return text
+    try:
+        numbers = tuple(float(word) for word in text.replace(',', ' ').split())
+    except ValueError:
+        numbers = ()
+    if len(numbers) != 7 or not any(numbers[3:]):
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is not "x y z qx qy qz qw" with a quaternion, nor "search"'
+        )
+    return numbers
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -88,9 +116,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _one(options: argparse.Namespace) -> int:
     from grasp_replay.pipeline import PipelineOptions
     from grasp_replay.report_files import Extent, make_report
+    from shell_deform.live.pose import PoseError, pose_of
 
+    given = options.object_pose
+    try:
+        pose = None if given in (None, 'search') else pose_of(list(given))
+    except PoseError as error:
+        raise BagError(str(error)) from error
     extent = Extent(not options.no_page, not options.no_samples, options.published)
-    pipeline = PipelineOptions(object_name=options.object, young=options.young)
+    pipeline = PipelineOptions(
+        object_name=options.object,
+        object_pose=pose,
+        search=given == 'search',
+        scan_unit=options.scan_unit,
+        young=options.young,
+    )
     with progress_bar('grasp_report', 1.0) as show:
         results = make_report(options.bags[0], options.out, pipeline, extent, show)
     if options.json:
@@ -128,6 +168,9 @@ def _many(options: argparse.Namespace) -> int:
             not options.no_page,
             not options.no_samples,
             options.published and options.published.resolve(),
+            None if options.object_pose == 'search' else options.object_pose,
+            options.object_pose == 'search',
+            options.scan_unit,
         )
         for bag in options.bags
         for changes in parse_grid(options.grid)
@@ -164,6 +207,9 @@ def print_results(results: dict[str, Any], out: Path) -> None:
         f'({results["young_modulus_from"]}); lengths in mm, outer face'
     )
     print(aligned(table_lines(results)))
+    notes = [note for row in results['rows'] for note in row['notes']]
+    for note in dict.fromkeys(notes):
+        print(f'note: {note}')
     for row in results['rows']:
         print(f'row {row["row"]}: {row["verdict"]}')
     if results['published']:

@@ -1,35 +1,52 @@
-"""Build description of barrett_hand_bridge (ament_python)."""
+"""Build description of barrett_hand_bridge (ament_python); package.xml says who."""
 
 from glob import glob
+from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
 PACKAGE = 'barrett_hand_bridge'
+HERE = Path(__file__).resolve().parent
+ABOUT = ElementTree.parse(HERE / 'package.xml').getroot()
 
 setup(
     name=PACKAGE,
-    version='0.1.0',
+    version=ABOUT.findtext('version'),
     packages=find_packages(exclude=['test']),
     package_data={PACKAGE: ['py.typed', 'description/meshes/*.stl', 'description/*.xacro']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + PACKAGE]),
         ('share/' + PACKAGE, ['package.xml']),
+        ('share/' + PACKAGE + '/launch', glob('launch/*')),
         ('share/' + PACKAGE + '/config', glob('config/*')),
         ('share/' + PACKAGE + '/meshes', glob(PACKAGE + '/description/meshes/*.stl')),
         ('share/' + PACKAGE + '/urdf', glob(PACKAGE + '/description/*.xacro')),
     ],
-    install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},
+    python_requires='>=3.10',
+    install_requires=[
+        'grasp_common',
+        'numpy>=1.26',
+        'scipy>=1.11',
+        'pyyaml',
+        'pyserial',
+        'python-can',
+        'msgpack',
+    ],
+    extras_require={'plot': ['matplotlib'], 'test': ['pytest', 'hypothesis']},
     zip_safe=False,
-    maintainer='Shell grasp maintainers',
-    maintainer_email='maintainers@example.org',
-    description='BarrettHand driver: calibrated finger forces, contact points, hand emulators',
-    license='Apache-2.0',
+    author=ABOUT.findtext('author'),
+    maintainer=ABOUT.findtext('maintainer'),
+    maintainer_email=ABOUT.find('maintainer').get('email'),
+    description=ABOUT.findtext('description'),
+    long_description=(HERE / 'README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    license=ABOUT.findtext('license'),
     entry_points={
         'console_scripts': [
-            'hand_bridge = barrett_hand_bridge.hand_bridge_node:main',
-            'hand_emulator = barrett_hand_bridge.commands.hand_emulator:main',
-            'hand_calibrate = barrett_hand_bridge.commands.hand_calibrate:main',
+            'hand_bridge = barrett_hand_bridge.programs:hand_bridge',
+            'hand_emulator = barrett_hand_bridge.programs:hand_emulator',
+            'hand_calibrate = barrett_hand_bridge.programs:hand_calibrate',
         ],
     },
 )

@@ -1,23 +1,32 @@
-"""Build description of grasp_common (ament_python)."""
+"""Build description of grasp_common (ament_python): who and which version say package.xml."""
+
+from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
 PACKAGE = 'grasp_common'
+HERE = Path(__file__).resolve().parent
+ABOUT = ElementTree.parse(HERE / 'package.xml').getroot()
 
 setup(
     name=PACKAGE,
-    version='0.1.0',
+    version=ABOUT.findtext('version'),
     packages=find_packages(exclude=['test']),
     package_data={PACKAGE: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + PACKAGE]),
         ('share/' + PACKAGE, ['package.xml']),
     ],
-    install_requires=['setuptools', 'numpy>=1.26', 'rich'],
-    extras_require={'test': ['pytest', 'hypothesis']},
+    python_requires='>=3.10',
+    install_requires=['numpy>=1.26', 'rich'],
+    extras_require={'completion': ['argcomplete'], 'test': ['pytest', 'hypothesis']},
     zip_safe=False,
-    maintainer='Shell grasp maintainers',
-    maintainer_email='maintainers@example.org',
-    description='What the grasp packages repeat: clouds, parameters, shutdown, terminal text',
-    license='Apache-2.0',
+    author=ABOUT.findtext('author'),
+    maintainer=ABOUT.findtext('maintainer'),
+    maintainer_email=ABOUT.find('maintainer').get('email'),
+    description=ABOUT.findtext('description'),
+    long_description=(HERE / 'README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    license=ABOUT.findtext('license'),
 )

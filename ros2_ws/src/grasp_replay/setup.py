@@ -1,36 +1,56 @@
-"""Build description of grasp_replay (ament_python)."""
+"""Build description of grasp_replay (ament_python): who and which version say package.xml."""
 
 from glob import glob
+from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
 PACKAGE = 'grasp_replay'
+HERE = Path(__file__).resolve().parent
+ABOUT = ElementTree.parse(HERE / 'package.xml').getroot()
 
 setup(
     name=PACKAGE,
-    version='0.1.0',
+    version=ABOUT.findtext('version'),
     packages=find_packages(exclude=['test']),
     package_data={PACKAGE: ['py.typed', '**/*.yaml', '**/*.html', '**/*.css', '**/*.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + PACKAGE]),
         ('share/' + PACKAGE, ['package.xml']),
+        ('share/' + PACKAGE + '/launch', glob('launch/*')),
         ('share/' + PACKAGE + '/config', glob('config/*')),
     ],
-    install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},
+    python_requires='>=3.10',
+    install_requires=[
+        'grasp_common',
+        'shell_deform',
+        'scan_compare',
+        'numpy>=1.26',
+        'scipy>=1.11',
+        'pyyaml',
+        'rosbags',
+        'mcap',
+        'lz4',
+        'zstandard',
+        'jinja2',
+        'matplotlib',
+    ],
+    extras_require={'cluster': ['distributed'], 'test': ['pytest', 'hypothesis']},
     zip_safe=False,
-    maintainer='Shell grasp maintainers',
-    maintainer_email='maintainers@example.org',
-    description=(
-        'Recorded grasps: record, check, repair, replay, and run the whole pipeline offline'
-    ),
-    license='Apache-2.0',
+    author=ABOUT.findtext('author'),
+    maintainer=ABOUT.findtext('maintainer'),
+    maintainer_email=ABOUT.find('maintainer').get('email'),
+    description=ABOUT.findtext('description'),
+    long_description=(HERE / 'README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    license=ABOUT.findtext('license'),
     entry_points={
         'console_scripts': [
-            'replay = grasp_replay.commands.replay:main',
-            'record = grasp_replay.commands.record:main',
-            'grasp_report = grasp_replay.commands.grasp_report:main',
-            'bag_check = grasp_replay.commands.bag_check:main',
+            'replay = grasp_replay.programs:replay',
+            'record = grasp_replay.programs:record',
+            'grasp_report = grasp_replay.programs:grasp_report',
+            'bag_check = grasp_replay.programs:bag_check',
         ],
     },
 )

@@ -1,32 +1,41 @@
-"""Build description of scan_compare (ament_python)."""
+"""Build description of scan_compare (ament_python): who and which version say package.xml."""
 
 from glob import glob
+from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
 PACKAGE = 'scan_compare'
+HERE = Path(__file__).resolve().parent
+ABOUT = ElementTree.parse(HERE / 'package.xml').getroot()
 
 setup(
     name=PACKAGE,
-    version='0.1.0',
+    version=ABOUT.findtext('version'),
     packages=find_packages(exclude=['test']),
     package_data={PACKAGE: ['py.typed', '**/*.yaml', '**/*.html', '**/*.css', '**/*.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + PACKAGE]),
         ('share/' + PACKAGE, ['package.xml']),
+        ('share/' + PACKAGE + '/launch', glob('launch/*')),
         ('share/' + PACKAGE + '/config', glob('config/*')),
     ],
-    install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},
+    python_requires='>=3.10',
+    install_requires=['grasp_common', 'shell_deform', 'numpy>=1.26', 'scipy>=1.11'],
+    extras_require={'picture': ['matplotlib'], 'test': ['pytest', 'hypothesis']},
     zip_safe=False,
-    maintainer='Shell grasp maintainers',
-    maintainer_email='maintainers@example.org',
-    description='Deformed shells against 3-D scans: registration, distances, statistics',
-    license='Apache-2.0',
+    author=ABOUT.findtext('author'),
+    maintainer=ABOUT.findtext('maintainer'),
+    maintainer_email=ABOUT.find('maintainer').get('email'),
+    description=ABOUT.findtext('description'),
+    long_description=(HERE / 'README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    license=ABOUT.findtext('license'),
     entry_points={
         'console_scripts': [
-            'scan_compare = scan_compare.scan_compare_node:main',
-            'scan_error = scan_compare.commands.scan_error:main',
+            'scan_compare = scan_compare.programs:scan_compare',
+            'scan_error = scan_compare.programs:scan_error',
         ],
     },
 )

@@ -1,14 +1,18 @@
-"""Build description of shell_deform (ament_python)."""
+"""Build description of shell_deform (ament_python): who and which version say package.xml."""
 
 import subprocess
 import sys
 from glob import glob
+from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 from setuptools.command.develop import develop
 from setuptools.command.install import install
 
 PACKAGE = 'shell_deform'
+HERE = Path(__file__).resolve().parent
+ABOUT = ElementTree.parse(HERE / 'package.xml').getroot()
 
 
 def compile_kernels(place):
@@ -41,29 +45,40 @@ class CompiledDevelop(develop):
 setup(
     name=PACKAGE,
     cmdclass={'install': CompiledInstall, 'develop': CompiledDevelop},
-    version='0.1.0',
+    version=ABOUT.findtext('version'),
     packages=find_packages(exclude=['test']),
     package_data={PACKAGE: ['py.typed', '**/*.json', '**/*.yaml']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + PACKAGE]),
         ('share/' + PACKAGE, ['package.xml']),
+        ('share/' + PACKAGE + '/launch', glob('launch/*')),
         ('share/' + PACKAGE + '/config', glob('config/*')),
     ],
-    install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},
+    python_requires='>=3.10',
+    install_requires=['grasp_common', 'numpy>=1.26', 'scipy>=1.11', 'numba>=0.60', 'pyyaml'],
+    extras_require={
+        'picture': ['matplotlib'],
+        'prepare': ['trimesh', 'fast-simplification', 'matplotlib'],
+        'bags': ['rosbags'],
+        'scan': ['scan_compare'],
+        'test': ['pytest', 'hypothesis'],
+    },
     zip_safe=False,
-    maintainer='Shell grasp maintainers',
-    maintainer_email='maintainers@example.org',
-    description='Live deformed surface of a thin shell in a robot hand',
-    license='Apache-2.0',
+    author=ABOUT.findtext('author'),
+    maintainer=ABOUT.findtext('maintainer'),
+    maintainer_email=ABOUT.find('maintainer').get('email'),
+    description=ABOUT.findtext('description'),
+    long_description=(HERE / 'README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    license=ABOUT.findtext('license'),
     entry_points={
         'console_scripts': [
-            'deformation = shell_deform.commands.deformation:main',
-            'shell_solve = shell_deform.commands.shell_solve:main',
-            'shell_verify = shell_deform.commands.shell_verify:main',
-            'shell_objects = shell_deform.commands.shell_objects:main',
-            'shell_identify = shell_deform.commands.shell_identify:main',
-            'object_prepare = shell_deform.commands.object_prepare:main',
+            'deformation = shell_deform.programs:deformation',
+            'shell_solve = shell_deform.programs:shell_solve',
+            'shell_verify = shell_deform.programs:shell_verify',
+            'shell_objects = shell_deform.programs:shell_objects',
+            'shell_identify = shell_deform.programs:shell_identify',
+            'object_prepare = shell_deform.programs:object_prepare',
         ],
     },
 )

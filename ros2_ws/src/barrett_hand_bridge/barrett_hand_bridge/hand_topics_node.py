@@ -19,7 +19,7 @@ from barrett_hand_bridge.hand import FINGERS, HandFacts
 from barrett_hand_bridge.health import Level
 from barrett_hand_bridge.observer import Observation
 from grasp_common.main_node import status_name
-from grasp_common.messages import diagnostics, number
+from grasp_common.messages import diagnostics, named_numbers, number
 
 STREAM = QoSProfile(depth=100)
 
@@ -43,6 +43,7 @@ class HandTopics:
             finger: make(Float64, f'hand/finger_{finger}/gauge_counts', STREAM)
             for finger in FINGERS
         }
+        self._numbers = make(JointState, 'hand/numbers', STREAM)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
 
     def end(self) -> None:
@@ -52,6 +53,7 @@ class HandTopics:
             self._joints,
             *self._wrenches.values(),
             *self._counts.values(),
+            self._numbers,
             self._diagnostics,
         ):
             self._node.destroy_publisher(publisher)
@@ -93,6 +95,7 @@ class HandTopics:
                 observation.angles, torques, self._values['joint_names'], stamp
             )
         )
+        numbers = {}
         for index, finger in enumerate(FINGERS):
             reading = readings[finger]
             self._wrenches[finger].publish(
@@ -100,6 +103,8 @@ class HandTopics:
             )
             counts = math.nan if reading.gauge_counts is None else reading.gauge_counts
             self._counts[finger].publish(number(counts))
+            numbers[f'finger_{finger}_gauge_counts'] = counts
+        self._numbers.publish(named_numbers(numbers, stamp))
         return True
 
     def diagnostics(

@@ -165,6 +165,7 @@ def test_a_ball_is_grasped_from_start_to_force(start, listener, ball):
     listener.listen(JointState, 'hand/joint_states')
     listener.listen(WrenchStamped, 'hand/finger_1/wrench')
     listener.listen(Float64, 'hand/finger_2/gauge_counts')
+    listener.listen(JointState, 'hand/numbers')
     rows = listener.next_contacts()
     assert all(rows['flags'] & 8)
     refused = listener.call('hand/close')
@@ -217,6 +218,11 @@ def test_a_ball_is_grasped_from_start_to_force(start, listener, ball):
     assert listener.heard['hand/finger_1/wrench'][-1].header.frame_id == 'finger_1_tip'
     assert listener.heard['hand/joint_states'][-1].effort[2] > 0.2
     assert 130 < listener.heard['hand/finger_2/gauge_counts'][-1].data < 200
+    numbers = listener.heard['hand/numbers'][-1]
+    assert (
+        130 < dict(zip(numbers.name, numbers.position, strict=True))['finger_2_gauge_counts'] < 200
+    )
+    assert numbers.header.stamp.sec > 0
 
     refused = listener.call('hand/tare')
     assert not refused.success

@@ -11,7 +11,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import JointState, PointCloud2, PointField
 from std_msgs.msg import Float64, Header
 
 from grasp_common.parameter_table import Parameter
@@ -45,6 +45,20 @@ def header(stamp_ns: int, frame: str = '') -> Header:
 def number(value: float) -> Float64:
     """A Float64."""
     return Float64(data=float(value))
+
+
+def named_numbers(values: Mapping[str, float], stamp_ns: int, frame: str = '') -> JointState:
+    """Several named numbers of one moment, as the positions of a JointState.
+
+    Of the standard messages this is the one with a stamp, names and float64 values. PlotJuggler
+    shows it by these names, Foxglove and rqt_plot by their place in it; a Float64 has no stamp, a
+    DiagnosticArray holds text, and a Float64MultiArray has names but no stamp.
+    """
+    return JointState(
+        header=header(stamp_ns, frame),
+        name=list(values),
+        position=array('d', map(float, values.values())),
+    )
 
 
 def point_fields(layout: np.dtype[Any]) -> list[PointField]:

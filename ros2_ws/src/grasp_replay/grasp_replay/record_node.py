@@ -20,6 +20,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
+from grasp_common.command_line import parse
 from grasp_common.main_node import (
     WRONG_PARAMETERS,
     WRONG_ROS_ARGUMENTS,
@@ -208,7 +209,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run `record`; returns the exit code."""
     own, ros = split_ros_arguments(sys.argv[1:] if arguments is None else arguments)
     parser = build_parser()
-    options = parser.parse_args(own)
+    options = parse('grasp_replay', parser, own)
     if not (options.topics or options.all or options.regex):
         parser.error('name topics, or give --all or --regex')
     if options.duration is not None and not options.duration > 0:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from grasp_common.command_line import parse
 from grasp_replay.errors import BagError
 from grasp_replay.lockstep import LockstepRule, parse_rule
 from grasp_replay.qos import QosProfile, read_overrides
@@ -106,7 +107,7 @@ def build_parser() -> argparse.ArgumentParser:
 def parse_options(arguments: Sequence[str]) -> ReplayOptions:
     """The options of a command line without ROS arguments; ends the program on wrong ones."""
     parser = build_parser()
-    given = parser.parse_args(arguments)
+    given = parse('grasp_replay', parser, arguments)
     everything = not (given.topics or given.regex)
     try:
         selection = TopicSelection(

@@ -18,13 +18,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from grasp_common.main_node import declare, run_node, status_name
-from grasp_common.messages import diagnostics, nanoseconds, number
+from grasp_common.messages import diagnostics, named_numbers, nanoseconds, number
 from grasp_common.parameter_table import ParameterError
 from grasp_common.point_cloud import CloudReader, MessageError
 from scan_compare import messages, parameters
@@ -89,6 +89,7 @@ class ScanCompareNode(Node):
         self._scalars = {
             name: self.create_publisher(Float64, f'scan/{name}', reliable) for name in SCALARS
         }
+        self._numbers = self.create_publisher(JointState, 'scan/numbers', reliable)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', reliable)
         self.create_subscription(PointCloud2, 'scan/points', self._scan_message, reliable)
         self.create_subscription(
@@ -111,6 +112,7 @@ class ScanCompareNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(TEND_PERIOD_S, self._tend, clock=steady)
         self.create_timer(1.0, self._diagnose, clock=steady)
+        self.get_logger().info('waiting for scans')
 
     # ---- parameters
 
@@ -289,10 +291,14 @@ class ScanCompareNode(Node):
         self._error.publish(
             messages.error_cloud(result.points, result.distance, result.stamp_ns, result.frame)
         )
-        for name, key in SCALARS.items():
-            value = result.statistics[key]
-            if isinstance(value, float):
-                self._scalars[name].publish(number(value))
+        known = {
+            name: value
+            for name, key in SCALARS.items()
+            if isinstance(value := result.statistics[key], float)
+        }
+        for name, value in known.items():
+            self._scalars[name].publish(number(value))
+        self._numbers.publish(named_numbers(known, result.stamp_ns, result.frame))
         self.get_logger().info(result.sentence)
 
     def _answer(self, result: Result) -> None:

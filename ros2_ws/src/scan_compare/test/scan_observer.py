@@ -15,7 +15,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import JointState, PointCloud2, PointField
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
@@ -60,9 +60,11 @@ class ScanObserver:
         self.meshes = self.node.create_publisher(Mesh, 'deformation/mesh', latched)
         self.errors: list[PointCloud2] = []
         self.numbers: dict[str, float] = {}
+        self.stamped: list[JointState] = []
         self.summary = ''
         self.values: dict[str, str] = {}
         self.node.create_subscription(PointCloud2, 'scan/error', self.errors.append, reliable)
+        self.node.create_subscription(JointState, 'scan/numbers', self.stamped.append, reliable)
         for name in ('mean_error', 'max_error', 'noise_floor'):
             self.node.create_subscription(Float64, f'scan/{name}', self._keep(name), reliable)
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._health, reliable)

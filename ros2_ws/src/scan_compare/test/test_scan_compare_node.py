@@ -62,6 +62,10 @@ def test_a_scan_is_compared_with_the_surface_of_its_own_time(
     assert len(rows) == 20_000
     assert np.abs(rows[:, 3]).mean() == pytest.approx(observer.numbers['mean_error'], rel=1e-3)
     assert observer.numbers['mean_error'] == pytest.approx(0.1013e-3, rel=0.1)
+    observer.wait(lambda: observer.stamped)
+    named = dict(zip(observer.stamped[0].name, observer.stamped[0].position, strict=True))
+    assert named['mean_error'] == observer.numbers['mean_error']
+    assert observer.stamped[0].header.stamp == observer.errors[0].header.stamp
     assert observer.numbers['noise_floor'] == pytest.approx(0.1013e-3, rel=1e-3)
     observer.send_scan(points, 7 * SECOND)
     observer.wait(lambda: len(observer.errors) == 2)

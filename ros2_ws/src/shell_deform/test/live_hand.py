@@ -15,7 +15,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import JointState, PointCloud2, PointField
 from std_msgs.msg import Float64, String
 
 from shell_deform.live.tick.estimator import Settings
@@ -156,6 +156,7 @@ class Observer:
         self.diagnostics: dict[str, str] = {}
         self.summary = ''
         self.numbers: dict[str, float] = {}
+        self.stamped: list[JointState] = []
         self.contacts = self.node.create_publisher(PointCloud2, 'hand/contacts', 10)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         many = QoSProfile(depth=500)
@@ -166,6 +167,7 @@ class Observer:
         listen(String, 'deformation/state', lambda m: self.states.append(m.data), latched)
         listen(String, 'deformation/answer', lambda m: self.kinds.append(m.data), latched)
         listen(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
+        listen(JointState, 'deformation/numbers', self.stamped.append, many)
         scalars = ('linearity', 'contradiction', 'max_displacement', 'nonlinear_age')
         for name in (*scalars, 'modulus', 'modulus_sigma'):
             listen(Float64, f'deformation/{name}', self._keeper(name), many)

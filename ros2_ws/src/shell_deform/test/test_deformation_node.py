@@ -145,6 +145,17 @@ def test_the_figures_of_the_benchmark_stand_in_the_diagnostics(node, hand):
     assert 50.0 < float(told['memory of node and background [MB]']) < 2000.0
 
 
+def test_the_numbers_of_an_answer_carry_its_stamp(node, hand):
+    hand.stream(squeezed(1e-3, 5.0), lambda: hand.stamped and hand.surfaces)
+    found = {(m.header.stamp.sec, m.header.stamp.nanosec): m for m in hand.stamped}
+    both = [s for s in hand.surfaces if (s.header.stamp.sec, s.header.stamp.nanosec) in found]
+    surface = both[-1]
+    numbers = found[surface.header.stamp.sec, surface.header.stamp.nanosec]
+    told = dict(zip(numbers.name, numbers.position, strict=True))
+    assert told['max_displacement'] == pytest.approx(largest(surface), rel=1e-5)
+    assert {'linearity', 'strain_energy', 'nonlinear_age', 'snap_margin'} < told.keys()
+
+
 def test_linear_and_nonlinear_answers_part_at_large_dents(node, hand):
     hand.stream(squeezed(6e-3, 18.0), settled(hand, 6e-3))
     hand.stream(squeezed(6e-3, 18.0), lambda: hand.numbers.get('linearity', 0.0) > 0.2)

@@ -16,6 +16,7 @@ from barrett_hand_bridge.calibration import (
 )
 from barrett_hand_bridge.fit import GaugeFit, fit_hand, read_weighings
 from barrett_hand_bridge.hand import FINGERS
+from grasp_common.command_line import parse
 
 
 def parser() -> argparse.ArgumentParser:
@@ -45,7 +46,7 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fit and write; returns the exit code."""
-    options = parser().parse_args(arguments)
+    options = parse('barrett_hand_bridge', parser(), arguments)
     try:
         fits = fit_hand(
             read_weighings(options.table),

@@ -22,6 +22,7 @@ from barrett_hand_bridge.emulator.pty_port import PtyPort
 from barrett_hand_bridge.emulator.serial_hand import SerialHand
 from barrett_hand_bridge.emulator.squeeze import SqueezeError, read_squeezed
 from barrett_hand_bridge.emulator.weighing import weighing_table
+from grasp_common.command_line import parse
 
 
 def _firmware(text: str) -> tuple[int, int, int]:
@@ -124,7 +125,7 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until SIGINT, SIGTERM or SIGHUP; returns the exit code."""
-    options = parser().parse_args(arguments)
+    options = parse('barrett_hand_bridge', parser(), arguments)
     try:
         return _serve(options)
     except (SqueezeError, OSError, ValueError, can.CanError) as error:

@@ -12,6 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from grasp_common.command_line import parse
 from grasp_common.terminal import progress_bar
 from grasp_replay.bag_reader import Bag, bag_files, open_bag, read_metadata, storage_kind
 from grasp_replay.bag_repair import Examination, examine, recover
@@ -40,7 +41,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `bag_check`; returns the exit code."""
-    options = build_parser().parse_args(arguments)
+    options = parse('grasp_replay', build_parser(), arguments)
     try:
         report = check(options.bag, options.recover)
     except BagError as error:

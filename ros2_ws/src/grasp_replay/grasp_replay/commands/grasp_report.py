@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from grasp_common.command_line import parse
 from grasp_common.terminal import progress_bar
 from grasp_replay.errors import BagError
 
@@ -94,7 +95,7 @@ def _object_pose(text: str) -> tuple[float, ...] | str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `grasp_report`; returns the exit code."""
     parser = build_parser()
-    options = parser.parse_args(arguments)
+    options = parse('grasp_replay', parser, arguments)
     if options.processes < 1:
         parser.error('--processes must be at least 1')
     # Before numpy is loaded: threads of BLAS would add up in another order every time.

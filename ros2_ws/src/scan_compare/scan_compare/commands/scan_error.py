@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+from grasp_common.command_line import parse
 from scan_compare.comparison import Comparison, ComparisonError, Progress, compare
 from scan_compare.deformed_surface import DeformedSurface, SurfaceError
 from scan_compare.merge import MergeError, merge
@@ -44,7 +45,7 @@ FAILURES = (
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns its exit code."""
-    options = _parser().parse_args(arguments)
+    options = parse('scan_compare', _parser(), arguments)
     try:
         with _progress(not options.quiet) as progress:
             comparison = _run(options, progress)

@@ -16,6 +16,7 @@ import yaml
 from rich.console import Console
 from scipy.spatial import cKDTree
 
+from grasp_common.command_line import parse
 from shell_deform.commands.arguments import above_zero, not_negative
 from shell_deform.commands.console import CommandError, print_json, run
 from shell_deform.objects import load_object
@@ -31,7 +32,7 @@ FloatArray = npt.NDArray[np.float64]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prepare one object; 0 done, 1 failed with one sentence, 2 wrong arguments."""
     parser = _parser()
-    options = parser.parse_args(arguments)
+    options = parse('shell_deform', parser, arguments)
     if options.error_m is not None and options.vertices is not None:
         parser.error('give --vertices or --error-m, not both')
     return run('object_prepare', lambda: _prepare(options))

@@ -12,6 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from grasp_common.command_line import parse
 from shell_deform.commands.arguments import above_zero, not_negative
 from shell_deform.commands.console import CommandError, print_json, progress, run
 from shell_deform.identify.dent_profile import DentScan, ThicknessFit, fit_thickness
@@ -42,7 +43,7 @@ DEFAULT_SIGMA_REGISTRATION_M = 5e-5
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    options = _parser().parse_args(arguments)
+    options = parse('shell_deform', _parser(), arguments)
     return run('shell_identify', lambda: _identify(options))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from grasp_common.command_line import parse
 from shell_deform.objects import (
     ObjectError,
     ShellObject,
@@ -29,7 +30,7 @@ PLAIN_WIDTH = 160
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the shipped objects, or the given ones; 0 done, 1 an object cannot be read."""
-    options = _parser().parse_args(arguments)
+    options = parse('shell_deform', _parser(), arguments)
     try:
         shells = [load_object(name) for name in options.objects or object_names()]
         described = [_described(shell, options.mesh) for shell in shells]

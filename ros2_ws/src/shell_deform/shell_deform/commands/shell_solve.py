@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from grasp_common.command_line import parse
 from shell_deform.building import build_model, object_contacts, with_material
 from shell_deform.commands.console import CommandError, print_json, progress, run
 from shell_deform.model import ShellModel
@@ -41,7 +42,7 @@ class Solved:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    options = _parser().parse_args(arguments)
+    options = parse('shell_deform', _parser(), arguments)
     return run('shell_solve', lambda: _solve(options))
 
 

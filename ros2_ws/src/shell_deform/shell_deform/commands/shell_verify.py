@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from grasp_common.command_line import parse
 from shell_deform.commands import solid_check
 from shell_deform.commands.console import CommandError, print_json, progress, run
 from shell_deform.verification import (
@@ -55,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--plot', type=Path, metavar='FILE', help='with --solid: plot (PNG)')
     parser.add_argument('--all-rows', action='store_true', help='every load, not only the worst')
     parser.add_argument('--json', action='store_true', help='one JSON document on stdout')
-    options = parser.parse_args(arguments)
+    options = parse('shell_deform', parser, arguments)
     if options.plot and not options.solid:
         parser.error('--plot goes with --solid')
     return run('shell_verify', lambda: _solid(options) if options.solid else _verify(options))

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh
 from std_msgs.msg import Float64, String
 from visualization_msgs.msg import Marker
 
 from grasp_common.main_node import status_name
-from grasp_common.messages import diagnostics, number
+from grasp_common.messages import diagnostics, named_numbers, number
 from shell_deform.live.tick.estimator import Served
 from shell_deform.live.tick.modulus import ModulusEstimate
 from shell_deform.live.tick.serve_kernel import FIELDS, NONLINEAR_FIELDS
@@ -49,6 +49,7 @@ class DeformationTopics:
         self._answer_shown = ''
         self._clouds = {name: self._make(PointCloud2, name) for name in CLOUDS}
         self._scalars = {name: self._make(Float64, name) for name in SCALARS}
+        self._numbers = self._make(JointState, 'numbers')
         self._modulus = self._make(Float64, 'modulus')
         self._modulus_sigma = self._make(Float64, 'modulus_sigma')
         self._mesh = self._make(Mesh, 'mesh', LATCHED)
@@ -79,7 +80,10 @@ class DeformationTopics:
         self._clouds[name].publish(self._writers[name].message(packed, stamp, frame))
 
     def numbers(self, served: Served) -> None:
-        """The numbers of one answer."""
+        """The numbers of one answer: each alone for plotting, and all with the answer's stamp."""
+        if self._numbers.get_subscription_count():
+            values = {name: getattr(served, name) for name in SCALARS}
+            self._numbers.publish(named_numbers(values, served.stamp))
         for name, publisher in self._scalars.items():
             if publisher.get_subscription_count():
                 publisher.publish(number(getattr(served, name)))

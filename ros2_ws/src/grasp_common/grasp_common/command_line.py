@@ -1,0 +1,85 @@
+"""What all commands and nodes do alike before and around their work.
+
+A console script is a `command`: it answers `--version` at once, imports its module only then, says
+in one sentence which package is missing, and can be interrupted while it imports.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+
+from grasp_common.terminal import complain
+
+Main = Callable[..., int]
+
+DISTRIBUTIONS = {
+    'PIL': 'pillow',
+    'can': 'python-can',
+    'fast_simplification': 'fast-simplification',
+    'serial': 'pyserial',
+    'yaml': 'pyyaml',
+}
+"""Packages whose name in a registry is not that of their module."""
+
+ROS = ('rclpy', 'rosgraph_msgs', 'rpyutils', 'rcl_interfaces', 'builtin_interfaces', 'std_srvs')
+
+
+def version_of(package: str) -> str:
+    """The version of an installed package, from its metadata."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return 'of a source tree that is not installed'
+
+
+def missing(error: ModuleNotFoundError) -> str:
+    """A sentence on a module that is not there, and the way to it."""
+    module = (error.name or str(error)).partition('.')[0]
+    if module in ROS or module.endswith('_msgs'):
+        return f'{module} is missing: source a ROS 2 Jazzy, or use the environment of `make setup`'
+    return f'{module} is missing: pip install {DISTRIBUTIONS.get(module, module)}'
+
+
+def command(name: str, module: str) -> Main:
+    """The function that a console script runs: `main` of the module, found when it is called."""
+    package = module.partition('.')[0]
+
+    def main(arguments: Sequence[str] | None = None) -> int:
+        given = list(sys.argv[1:] if arguments is None else arguments)
+        if '--version' in given:
+            print(f'{name} {version_of(package)}')
+            return 0
+        # Nothing is open while modules are imported: a signal may end it as it stands.
+        before = signal.signal(signal.SIGINT, signal.SIG_DFL)
+        try:
+            run: Main = import_module(module).main
+            signal.signal(signal.SIGINT, before)
+            return run(given)
+        except ModuleNotFoundError as error:
+            complain(name, missing(error))
+            return 1
+
+    return main
+
+
+def parse(
+    package: str, parser: argparse.ArgumentParser, arguments: Sequence[str] | None = None
+) -> argparse.Namespace:
+    """Parse the arguments of a command of `package`; complete them where a shell asks for it."""
+    parser.add_argument(
+        '--version',
+        action='version',
+        version=f'{parser.prog} {version_of(package)}',
+        help='print the version and exit',
+    )
+    if '_ARGCOMPLETE' in os.environ:
+        import argcomplete
+
+        argcomplete.autocomplete(parser)
+    return parser.parse_args(arguments)

@@ -1,0 +1,13 @@
+# PYTHON_ARGCOMPLETE_OK
+"""The console scripts of the package; nothing is imported before one is called."""
+
+from __future__ import annotations
+
+from grasp_common.command_line import command
+
+deformation = command('deformation', 'shell_deform.commands.deformation')
+shell_solve = command('shell_solve', 'shell_deform.commands.shell_solve')
+shell_verify = command('shell_verify', 'shell_deform.commands.shell_verify')
+shell_objects = command('shell_objects', 'shell_deform.commands.shell_objects')
+shell_identify = command('shell_identify', 'shell_deform.commands.shell_identify')
+object_prepare = command('object_prepare', 'shell_deform.commands.object_prepare')

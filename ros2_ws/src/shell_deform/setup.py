@@ -73,12 +73,12 @@ setup(
     license=ABOUT.findtext('license'),
     entry_points={
         'console_scripts': [
-            'deformation = shell_deform.programs:deformation',
-            'shell_solve = shell_deform.programs:shell_solve',
-            'shell_verify = shell_deform.programs:shell_verify',
-            'shell_objects = shell_deform.programs:shell_objects',
-            'shell_identify = shell_deform.programs:shell_identify',
-            'object_prepare = shell_deform.programs:object_prepare',
+            'deformation = shell_deform.commands.programs:deformation',
+            'shell_solve = shell_deform.commands.programs:shell_solve',
+            'shell_verify = shell_deform.commands.programs:shell_verify',
+            'shell_objects = shell_deform.commands.programs:shell_objects',
+            'shell_identify = shell_deform.commands.programs:shell_identify',
+            'object_prepare = shell_deform.commands.programs:object_prepare',
         ],
     },
 )

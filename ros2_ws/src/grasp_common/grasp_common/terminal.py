@@ -41,9 +41,19 @@ def fixed(value: float, digits: int) -> str:
     return text.lstrip('-') if text.startswith('-') and not text.strip('-0.') else text
 
 
+def significant(value: float, digits: int, beside: float) -> str:
+    """`value` with so many significant digits; what is rounding `beside` a larger one is 0."""
+    return f'{value:.{digits}g}' if abs(value) > 1e-9 * abs(beside) else '0'
+
+
 def complain(program: str, error: object) -> None:
     """One sentence on stderr, as every program here ends that cannot do its job."""
     print(f'{program}: {printable(str(error), 4000)}', file=sys.stderr, flush=True)
+
+
+def say(text: str) -> None:
+    """Text on stdout whose lines may hold foreign names."""
+    print('\n'.join(printable(line, len(line)) for line in text.split('\n')))
 
 
 def print_table(

@@ -79,3 +79,10 @@ def test_rows_that_converged_are_printed_before_the_sentence_that_says_where_it_
     assert result['points'][0]['force_n'] == pytest.approx(0.0, abs=1e-9)
     assert result['message'] and result['message'] in captured.err
     assert captured.err.strip().endswith(result['message'])
+
+
+def test_headings_keep_their_units_and_rest_is_plain_zero(capsys):
+    assert shell_solve.main(['--object', 'tennis_ball', '--displacement-sweep', '0:0.001:1']) == 0
+    told = capsys.readouterr().out
+    assert all(f'[{unit}]' in told for unit in ('mm', 'N', 'mJ', 'kPa'))
+    assert '-0' not in told and 'e-' not in told

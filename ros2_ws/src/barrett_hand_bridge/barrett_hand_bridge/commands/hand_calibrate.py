@@ -17,6 +17,7 @@ from barrett_hand_bridge.calibration import (
 from barrett_hand_bridge.fit import GaugeFit, fit_hand, read_weighings
 from barrett_hand_bridge.hand import FINGERS
 from grasp_common.command_line import parse
+from grasp_common.terminal import complain
 
 
 def parser() -> argparse.ArgumentParser:
@@ -62,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             HandCalibration(options.hand, options.serial_number, gauges), options.out
         )
     except (CalibrationError, OSError) as error:
-        print(f'hand_calibrate: {error}', file=sys.stderr)
+        complain('hand_calibrate', error)
         return 1
     if options.json:
         print(json.dumps(_document(fits, options.out)))

@@ -23,6 +23,7 @@ from barrett_hand_bridge.emulator.serial_hand import SerialHand
 from barrett_hand_bridge.emulator.squeeze import SqueezeError, read_squeezed
 from barrett_hand_bridge.emulator.weighing import weighing_table
 from grasp_common.command_line import parse
+from grasp_common.terminal import complain
 
 
 def _firmware(text: str) -> tuple[int, int, int]:
@@ -129,7 +130,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _serve(options)
     except (SqueezeError, OSError, ValueError, can.CanError) as error:
-        print(f'hand_emulator: {error}', file=sys.stderr)
+        complain('hand_emulator', error)
         return 1
 
 

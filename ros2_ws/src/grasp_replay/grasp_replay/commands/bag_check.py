@@ -9,11 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
-
 from grasp_common.command_line import parse
-from grasp_common.terminal import progress_bar
+from grasp_common.terminal import complain, print_table, progress_bar, say
 from grasp_replay.bag_reader import Bag, bag_files, open_bag, read_metadata, storage_kind
 from grasp_replay.bag_repair import Examination, examine, recover
 from grasp_replay.errors import BagError
@@ -45,14 +42,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         report = check(options.bag, options.recover)
     except BagError as error:
-        print(f'bag_check: {error}', file=sys.stderr)
+        complain('bag_check', error)
         return 1
     if options.json:
         print(json.dumps(report, indent=1))
     else:
         _print(report)
     if not report['sound']:
-        print(f'bag_check: {_verdict(report)}', file=sys.stderr)
+        complain('bag_check', _verdict(report))
         return 1
     return 0
 
@@ -227,24 +224,20 @@ def _verdict(report: dict[str, Any]) -> str:
 
 
 def _print(report: dict[str, Any]) -> None:
-    console = Console(highlight=False)
     state = 'sound' if report['sound'] else 'damaged'
-    console.print(
+    say(
         f'{report["bag"]}: {state}, {report["storage"]}, {len(report["files"])} file(s), '
-        f'{report["messages"]} messages in {report["duration_s"]:.3f} s',
-        markup=False,
+        f'{report["messages"]} messages in {report["duration_s"]:.3f} s'
     )
-    table = Table('topic', 'type', 'messages', box=None)
-    for topic in report['topics']:
-        table.add_row(topic['name'], topic['type'], str(topic['messages']))
-    console.print(table)
+    rows = [[topic['name'], topic['type'], str(topic['messages'])] for topic in report['topics']]
+    print_table(('topic', 'type', 'messages'), rows)
     for note in report['notes']:
-        console.print(f'note: {note}', markup=False)
+        say(f'note: {note}')
     if 'recovered' in report:
         saved = report['recovered']
-        console.print(f'{_saved(saved)} into {saved["bag"]}', markup=False)
+        say(f'{_saved(saved)} into {saved["bag"]}')
         for item in saved['left']:
-            console.print(f'left out: {item}', markup=False)
+            say(f'left out: {item}')
 
 
 def _saved(saved: dict[str, Any]) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from grasp_common.command_line import parse
-from grasp_common.terminal import progress_bar
+from grasp_common.terminal import complain, progress_bar, say
 from grasp_replay.errors import BagError
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _published(options)
         return _many(options) if several else _one(options)
     except BagError as error:
-        print(f'grasp_report: {error}', file=sys.stderr)
+        complain('grasp_report', error)
         return 1
 
 
@@ -152,7 +152,7 @@ def _published(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(study, indent=1, allow_nan=False))
     else:
-        print(aligned(lines(study)))
+        say(aligned(lines(study)))
         print(page)
     return 0
 
@@ -202,21 +202,21 @@ def print_results(results: dict[str, Any], out: Path) -> None:
     from grasp_replay.results import aligned, published_lines, table_lines
 
     label = f' ({results["label"]})' if results['label'] else ''
-    print(f'{results["experiment"]}{label}')
-    print(
+    say(f'{results["experiment"]}{label}')
+    say(
         f'{results["object"]}, E = {results["young_modulus_pa"] / 1e6:.4g} MPa '
         f'({results["young_modulus_from"]}); lengths in mm, outer face'
     )
-    print(aligned(table_lines(results)))
+    say(aligned(table_lines(results)))
     notes = [note for row in results['rows'] for note in row['notes']]
     for note in dict.fromkeys(notes):
-        print(f'note: {note}')
+        say(f'note: {note}')
     for row in results['rows']:
-        print(f'row {row["row"]}: {row["verdict"]}')
+        say(f'row {row["row"]}: {row["verdict"]}')
     if results['published']:
-        print('published, and what we predict for the published forces (mm):')
-        print(aligned(published_lines(results)))
-    print(f'files in {out}')
+        say('published, and what we predict for the published forces (mm):')
+        say(aligned(published_lines(results)))
+    say(f'files in {out}')
 
 
 if __name__ == '__main__':

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from grasp_common.command_line import parse
+from grasp_common.terminal import complain, say
 from scan_compare.comparison import Comparison, ComparisonError, Progress, compare
 from scan_compare.deformed_surface import DeformedSurface, SurfaceError
 from scan_compare.merge import MergeError, merge
@@ -53,15 +54,15 @@ def main(arguments: list[str] | None = None) -> int:
                 progress('report')
                 write_report(comparison, options.out)
     except OSError as error:
-        print(f'scan_error: {error.filename}: {error.strerror}', file=sys.stderr)
+        complain('scan_error', f'{error.filename}: {error.strerror}')
         return 1
     except FAILURES as error:
-        print(f'scan_error: {error}', file=sys.stderr)
+        complain('scan_error', error)
         return 1
     if options.json:
         sys.stdout.write(dump_json(comparison))
     else:
-        print(text_table(comparison))
+        say(text_table(comparison))
     return 0
 
 

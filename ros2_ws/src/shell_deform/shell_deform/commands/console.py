@@ -1,16 +1,13 @@
-"""What every command does alike: one clear sentence on failure, progress on a terminal, JSON."""
+"""What every command does alike: one clear sentence on failure, JSON."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeVar
+from collections.abc import Callable
+from typing import Any
 
-from rich.console import Console
-from rich.progress import track
-
-Item = TypeVar('Item')
+from grasp_common.terminal import complain
 
 
 class CommandError(Exception):
@@ -22,21 +19,15 @@ def run(program: str, job: Callable[[], None]) -> int:
     try:
         job()
     except (CommandError, ValueError, OSError) as error:
-        print(f'{program}: {error}', file=sys.stderr)
+        complain(program, error)
         return 1
     except KeyboardInterrupt:
-        print(f'{program}: interrupted', file=sys.stderr)
+        complain(program, 'interrupted')
         return 1
     return 0
 
 
-def progress(items: Sequence[Item], description: str) -> Iterator[Item]:
-    """`items` one by one, with a bar on stderr when that is a terminal."""
-    console = Console(stderr=True)
-    yield from track(items, description, console=console, disable=not console.is_terminal)
-
-
 def print_json(document: Any) -> None:
     """One JSON document on stdout."""
-    json.dump(document, sys.stdout, ensure_ascii=False, allow_nan=False)
+    json.dump(document, sys.stdout, ensure_ascii=True, allow_nan=False)
     sys.stdout.write('\n')

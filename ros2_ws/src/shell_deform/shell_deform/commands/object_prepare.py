@@ -17,6 +17,7 @@ from rich.console import Console
 from scipy.spatial import cKDTree
 
 from grasp_common.command_line import parse
+from grasp_common.terminal import say
 from shell_deform.commands.arguments import above_zero, not_negative
 from shell_deform.commands.console import CommandError, print_json, run
 from shell_deform.objects import load_object
@@ -127,16 +128,16 @@ def _prepare(options: argparse.Namespace) -> None:
         print_json(report)
         return
     fit = report['fit']
-    print(
+    say(
         f'{name}: {report["vertices"]} control vertices; scan to surface {1e3 * fit["rms_m"]:.3g} '
         f'mm rms, {_systematic(prepared.fit)}; '
         f'{report["scan"]["pieces"]} pieces found, {report["scan"]["holes_closed"]} holes closed, '
         f'{report["open_rims"]} rims open'
     )
     for warning in report['warnings']:
-        print(f'warning: {warning}')
+        say(f'warning: {warning}')
     for path in files.values():
-        print(path)
+        say(path)
 
 
 def _refuse_far_contacts(contacts: FloatArray, points: FloatArray) -> None:

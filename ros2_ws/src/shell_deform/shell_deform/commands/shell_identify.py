@@ -9,12 +9,11 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from grasp_common.command_line import parse
+from grasp_common.terminal import print_table, say, tracked
 from shell_deform.commands.arguments import above_zero, not_negative
-from shell_deform.commands.console import CommandError, print_json, progress, run
+from shell_deform.commands.console import CommandError, print_json, run
 from shell_deform.identify.dent_profile import DentScan, ThicknessFit, fit_thickness
 from shell_deform.identify.force_curve import ForceCurve
 from shell_deform.identify.modulus import (
@@ -72,13 +71,13 @@ def _identify(options: argparse.Namespace) -> None:
         return
     _print(result)
     if scans and not options.thickness:
-        print(f'{options.data} names {len(scans)} scans: --thickness uses them')
+        say(f'{options.data} names {len(scans)} scans: --thickness uses them')
 
 
 def _result(options: argparse.Namespace, data: SqueezeData, scans: list[DentScan]) -> _Result:
     curve = ForceCurve(load_object(options.object), options.pin_radius)
     names = ['fit', 'cross-validation', 'thickness']
-    steps = progress(['dents', *names] if options.thickness else names, 'identifying')
+    steps = tracked(['dents', *names] if options.thickness else names, 'identifying')
     next(steps)
     thickness = None
     if options.thickness:
@@ -192,46 +191,45 @@ def _document(result: _Result) -> dict[str, object]:
 
 def _print(result: _Result) -> None:
     data, found, held_out = result.data, result.told, result.held_out
-    console = Console()
-    table = Table(title='Measured and fitted')
-    for heading in ('displacement [mm]', 'measured [N]', 'fitted [N]', 'difference'):
-        table.add_column(heading, justify='right')
-    for w, f, m in zip(data.displacement, data.force, found.fitted_force, strict=True):
-        table.add_row(f'{1e3 * w:.3f}', f'{f:.3f}', f'{m:.3f}', f'{100 * (m / f - 1):+.1f} %')
-    console.print(table)
+    rows = [
+        [f'{1e3 * w:.3f}', f'{f:.3f}', f'{m:.3f}', f'{100 * (m / f - 1):+.1f} %']
+        for w, f, m in zip(data.displacement, data.force, found.fitted_force, strict=True)
+    ]
+    headings = ('displacement [mm]', 'measured [N]', 'fitted [N]', 'difference')
+    print_table(headings, rows, 'Measured and fitted')
     for name, value in zip(found.names, found.values, strict=True):
         low, high = found.interval(name)
-        console.print(f'{name}: {value:.5g}, 90 % interval {low:.5g} to {high:.5g}')
+        say(f'{name}: {value:.5g}, 90 % interval {low:.5g} to {high:.5g}')
     low, high = found.interval('solid_modulus_pa')
-    console.print(
+    say(
         f'modulus of the material, if its wall is a solid: {found.solid_modulus:.5g} Pa, '
         f'90 % interval {low:.5g} to {high:.5g}'
     )
     if result.thickness is not None:
         fit = result.thickness
         low, high = fit.solid_interval
-        console.print(
+        say(
             f'thickness of a solid wall: {fit.solid_thickness:.4g} m, 90 % interval {low:.4g} to '
             f'{high:.4g}'
         )
-        console.print(
+        say(
             f'dents {", ".join(f"{1e3 * depth:.2f}" for depth in fit.depth)} mm deep; rings '
             f'follow the model within {1e6 * fit.rms:.0f} um rms'
         )
     if found.zero_force:
-        console.print(f'zero of the gauge {found.zero_force:+.3f} N')
-    console.print(f'reduced chi-square {found.reduced_chi_square:.2f}')
-    console.print(f'force grows as E h^{result.exponent:.2f} over these data')
+        say(f'zero of the gauge {found.zero_force:+.3f} N')
+    say(f'reduced chi-square {found.reduced_chi_square:.2f}')
+    say(f'force grows as E h^{result.exponent:.2f} over these data')
     if held_out is not None:
         small, predicted = held_out
         order = np.argsort(data.displacement)[-len(predicted) :]
         error = predicted / data.force[order] - 1.0
-        console.print(
+        say(
             f'cross-validation: E {small.values[0]:.5g} Pa from the small loads predicts the '
             f'others within {100 * float(np.abs(error).max()):.1f} % of force'
         )
     for sentence in found.statement:
-        console.print(sentence)
+        say(sentence)
 
 
 def _plot(path: Path, result: _Result) -> None:

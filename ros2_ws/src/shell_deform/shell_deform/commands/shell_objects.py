@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from grasp_common.command_line import parse
+from grasp_common.terminal import complain, print_table
 from shell_deform.objects import (
     ObjectError,
     ShellObject,
@@ -24,9 +23,6 @@ from shell_deform.objects import (
     object_names,
 )
 
-PLAIN_WIDTH = 160
-"""Columns of the table where there is no terminal to ask."""
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the shipped objects, or the given ones; 0 done, 1 an object cannot be read."""
@@ -35,14 +31,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         shells = [load_object(name) for name in options.objects or object_names()]
         described = [_described(shell, options.mesh) for shell in shells]
     except ObjectError as error:
-        print(f'shell_objects: {error}', file=sys.stderr)
+        complain('shell_objects', error)
         return 1
     if options.json:
         json.dump({'objects': described}, sys.stdout, indent=2)
         print()
     else:
-        width = None if sys.stdout.isatty() else PLAIN_WIDTH
-        Console(width=width).print(_table(shells, described, options.mesh))
+        _print_table(shells, described)
     return 0
 
 
@@ -87,14 +82,10 @@ def _described(shell: ShellObject, with_mesh: bool) -> dict[str, Any]:
     return result
 
 
-def _table(shells: Sequence[ShellObject], described: Sequence[dict], with_mesh: bool) -> Table:
-    table = Table(title='Thin shells')
-    for heading in ('name', 'surface (mm)', 'h (mm)', 'E (MPa)', 'nu', 'gas', 'held', 'touched'):
-        table.add_column(heading)
-    if with_mesh:
-        table.add_column('control mesh')
-    for shell, description in zip(shells, described, strict=True):
-        row = [
+def _print_table(shells: Sequence[ShellObject], described: Sequence[dict]) -> None:
+    headings = ['name', 'surface [mm]', 'h [mm]', 'E [MPa]', 'nu', 'gas', 'held', 'touched [mm]']
+    rows = [
+        [
             shell.name,
             _shape(shell),
             f'{1e3 * shell.thickness_m:g}',
@@ -104,15 +95,18 @@ def _table(shells: Sequence[ShellObject], described: Sequence[dict], with_mesh: 
             ', '.join(f'{support.where} {support.kind}' for support in shell.supports) or '-',
             ', '.join(f'{c.kind} r {1e3 * c.radius_m:g}' for c in shell.contacts) or '-',
         ]
-        if with_mesh:
-            mesh = description['mesh']
-            row.append(
-                f'{mesh["vertices"]} vertices, edges {1e3 * mesh["shortest_edge_m"]:.2f} to '
-                f'{1e3 * mesh["longest_edge_m"]:.2f} mm, fit {1e6 * mesh["rms_error_m"]:.2g} um '
-                f'rms, {1e6 * mesh["maximum_error_m"]:.2g} um at most'
-            )
-        table.add_row(*row)
-    return table
+        for shell in shells
+    ]
+    meshes = [description['mesh'] for description in described if 'mesh' in description]
+    if meshes:
+        headings.append('control mesh')
+    for row, mesh in zip(rows, meshes, strict=False):
+        row.append(
+            f'{mesh["vertices"]} vertices, edges {1e3 * mesh["shortest_edge_m"]:.2f} to '
+            f'{1e3 * mesh["longest_edge_m"]:.2f} mm, fit {1e6 * mesh["rms_error_m"]:.2g} um '
+            f'rms, {1e6 * mesh["maximum_error_m"]:.2g} um at most'
+        )
+    print_table(headings, rows, 'Thin shells')
 
 
 def _shape(shell: ShellObject) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,12 +11,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
 from grasp_common.command_line import parse
+from grasp_common.terminal import complain, fixed, print_table, significant, tracked
 from shell_deform.building import build_model, object_contacts, with_material
-from shell_deform.commands.console import CommandError, print_json, progress, run
+from shell_deform.commands.console import CommandError, print_json, run
 from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject, load_object
 from shell_deform.picture import surface_figure
@@ -64,7 +62,7 @@ def _solve(options: argparse.Namespace) -> None:
     values = options.force if by_force else options.displacement_sweep
     results: list[Solved] = []
     (state, touch), ended = first_touch(solver, contacts), ''
-    for value in progress(values, 'load cases'):
+    for value in tracked(values, 'load cases'):
         start = time.perf_counter()
         wanted = [value] * len(contacts)
         case = forced(contacts, wanted) if by_force else displaced(contacts, touch + wanted)
@@ -80,7 +78,7 @@ def _solve(options: argparse.Namespace) -> None:
     cpu = time.process_time() - loaded[1]
     readout = read_out(model, state.positions, shell_object.yield_stress_pa)
     for warning in warnings_of(model, state, readout):
-        print(f'shell_solve: note: {warning}', file=sys.stderr)
+        complain('shell_solve', f'note: {warning}')
     if options.mesh:
         _write_mesh(options.mesh, model, state)
     if options.picture:
@@ -140,22 +138,25 @@ def _draw(path: Path, shell_object: ShellObject, model: ShellModel, state: Equil
 def _print_table(
     shell_object: ShellObject, theory: str, vertices: int, cpu: float, results: list[Solved]
 ) -> None:
-    table = Table(
-        title=f'{shell_object.name}, {theory} theory, {vertices} control vertices, '
-        f'{cpu:.2f} s processor time'
-    )
-    for heading in ('displacement [mm]', 'force [N]', 'energy [mJ]', 'gas [kPa]', 'stable'):
-        table.add_column(heading, justify='right')
-    for solved in results:
-        point = _point(solved)
-        table.add_row(
-            f'{1e3 * point["displacement_m"]:.4f}',
-            f'{point["force_n"]:.5g}',
-            f'{1e3 * point["energy_j"]:.5g}',
+    points = [_point(solved) for solved in results]
+    force = max((abs(point['force_n']) for point in points), default=0.0)
+    energy = max((point['energy_j'] for point in points), default=0.0)
+    rows = [
+        [
+            fixed(1e3 * point['displacement_m'], 4),
+            significant(point['force_n'], 5, force),
+            significant(1e3 * point['energy_j'], 5, 1e3 * energy),
             f'{1e-3 * point["gas_pressure_pa"]:.4g}',
             'yes' if point['stable'] else 'NO',
-        )
-    Console().print(table)
+        ]
+        for point in points
+    ]
+    print_table(
+        ('displacement [mm]', 'force [N]', 'energy [mJ]', 'gas [kPa]', 'stable'),
+        rows,
+        f'{shell_object.name}, {theory} theory, {vertices} control vertices, '
+        f'{cpu:.2f} s processor time',
+    )
 
 
 def _sweep(text: str) -> list[float]:

@@ -7,13 +7,10 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
 from grasp_common.command_line import parse
+from grasp_common.terminal import print_table, tracked
 from shell_deform.commands import solid_check
-from shell_deform.commands.console import CommandError, print_json, progress, run
+from shell_deform.commands.console import CommandError, print_json, run
 from shell_deform.verification import (
     closed_forms,
     linear_course,
@@ -63,26 +60,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _solid(options: argparse.Namespace) -> None:
-    found = [solid.compare(ratio) for ratio in progress(solid.ratios(), 'spheres')]
+    found = [solid.compare(ratio) for ratio in tracked(solid.ratios(), 'spheres')]
     results = [row for sphere in found for row in solid.verified(sphere)]
     if options.plot:
         solid_check.draw(options.plot, found)
     if options.json:
         print_json({'problems': [row.as_dict() for row in results], 'rule': solid_check.rule()})
     else:
-        Console(width=132).print(_table(results) if options.all_rows else solid_check.table(found))
+        _print_table(results) if options.all_rows else solid_check.print_excess(found)
         print(solid_check.rule())
     _judge(results)
 
 
 def _verify(options: argparse.Namespace) -> None:
     results: list[Verified] = []
-    for group in progress(options.group or list(GROUPS), 'reference problems'):
+    for group in tracked(options.group or list(GROUPS), 'reference problems'):
         results.extend(GROUPS[group]())
     if options.json:
         print_json({'problems': [result.as_dict() for result in results]})
     else:
-        Console(width=132).print(_table(results if options.all_rows else _worst(results)))
+        _print_table(results if options.all_rows else _worst(results))
     _judge(results)
 
 
@@ -107,25 +104,23 @@ def _worst(results: list[Verified]) -> list[Verified]:
     return list(chosen.values())
 
 
-def _table(results: list[Verified]) -> Table:
-    table = Table(title='Reference problems: the largest error of each')
-    for heading in ('problem', 'quantity'):
-        table.add_column(heading)
-    for heading in ('ours', 'reference', 'error', 'goal', 'vertices', 'CPU s'):
-        table.add_column(heading, justify='right')
-    table.add_column('source')
-    for result in results:
-        goal = '' if result.goal is None else f'{100 * result.goal:.2f} %'
-        mark = '' if result.passed else ' !'
-        table.add_row(
+def _print_table(results: list[Verified]) -> None:
+    rows = [
+        [
             result.name,
-            escape(result.quantity),
+            result.quantity,
             f'{result.value:.6g}',
             f'{result.reference:.6g}',
-            f'{100 * result.error:+.3f} %{mark}',
-            goal,
+            f'{100 * result.error:+.3f} %{"" if result.passed else " !"}',
+            '' if result.goal is None else f'{100 * result.goal:.2f} %',
             str(result.vertices),
             f'{result.cpu_seconds:.1f}',
             result.source,
-        )
-    return table
+        ]
+        for result in results
+    ]
+    headings = (
+        *('problem', 'quantity', 'ours', 'reference', 'error [%]', 'goal [%]'),
+        *('vertices', 'CPU [s]', 'source'),
+    )
+    print_table(headings, rows, 'Reference problems: the largest error of each')

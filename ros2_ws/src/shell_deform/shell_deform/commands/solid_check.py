@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.table import Table
 
+from grasp_common.terminal import print_table
 from shell_deform.theory.thin_wall import excess_stiffness
 from shell_deform.verification.solid import SolidSphere
 
@@ -28,27 +28,27 @@ def rule() -> str:
     return RULE.format(examples=examples)
 
 
-def table(spheres: Sequence[SolidSphere]) -> Table:
-    """Excess stiffness at some depths, beside the rule."""
+def print_excess(spheres: Sequence[SolidSphere]) -> None:
+    """A table of the excess stiffness at some depths, beside the rule."""
     depths = (0.1, 0.5, 1.0, 2.4, 4.0)
-    found = Table(title='Force of the thin shell over that of the solid at the same depth')
-    for heading in ('R/h', 'small loads', 'rule', *(f'w/h {depth:g}' for depth in depths)):
-        found.add_column(heading, justify='right')
+    rows = []
     for sphere in spheres:
         reached = sphere.depth[-1]
-        cells = [
-            f'{100 * np.interp(depth, sphere.depth, sphere.excess):+.1f} %'
-            if depth <= 1.02 * reached
-            else '-'
-            for depth in depths
-        ]
-        found.add_row(
-            f'{sphere.radius_over_thickness:g}',
-            f'{100 * sphere.excess[0]:+.1f} %',
-            f'{100 * excess_stiffness(1 / sphere.radius_over_thickness):+.1f} %',
-            *cells,
+        rows.append(
+            [
+                f'{sphere.radius_over_thickness:g}',
+                f'{100 * sphere.excess[0]:+.1f} %',
+                f'{100 * excess_stiffness(1 / sphere.radius_over_thickness):+.1f} %',
+                *(
+                    f'{100 * np.interp(depth, sphere.depth, sphere.excess):+.1f} %'
+                    if depth <= 1.02 * reached
+                    else '-'
+                    for depth in depths
+                ),
+            ]
         )
-    return found
+    headings = ('R/h', 'small loads', 'rule', *(f'w/h {depth:g}' for depth in depths))
+    print_table(headings, rows, 'Force of the thin shell over that of the solid at the same depth')
 
 
 def draw(path: Path, spheres: Sequence[SolidSphere]) -> None:

@@ -76,7 +76,7 @@ class Comparison:
     noise_floor_m: float
     mean_error_sigma_m: float
     mean_error_noise_free_m: float
-    merging_sigma_m: float
+    merging_sigma_m: float | None
     max_error_m: float | None
     dent_max_error_m: float | None
     outside_max_error_m: float | None
@@ -236,17 +236,8 @@ def compare(
     value, dented = distances.distance[used], in_dent[used]
     disc_in_dent = means.share(dented) > 0.5
     largest = means.largest(means.quotable)
-    notes = list(scan.notes)
     outside = summarise(value[~dented])
     floor = mean_unsigned_noise(scanner_sigma_m)
-    if outside is not None and abs(outside.signed_mean_m) > OFFSET_FLOORS * floor:
-        side = 'outside' if outside.signed_mean_m > 0.0 else 'inside'
-        notes.append(
-            f'the undeformed region lies {1e3 * abs(outside.signed_mean_m):.2f} mm {side} the '
-            "model's outer face: check the object's size and thickness, and what was scanned"
-        )
-    if largest is None:
-        notes.append('no disc holds 50 points: no local maximum is quoted, see the raw maximum')
     return Comparison(
         source=scan.source,
         points=points,
@@ -274,7 +265,7 @@ def compare(
                 contacts,
                 undeformed_points,
                 lambda point, direction: float(
-                    np.hypot(merged, pose_sigma((found, undeformed), point, direction))
+                    np.hypot(merged or 0.0, pose_sigma((found, undeformed), point, direction))
                 ),
             )
         ),
@@ -288,8 +279,34 @@ def compare(
         outside_max_error_m=means.largest(means.quotable & ~disc_in_dent),
         outliers=int(np.count_nonzero(outlying)),
         beside=int(np.count_nonzero(distances.beside & ~outlying)),
-        notes=tuple(notes),
+        notes=_notes(scan, found, outside, floor, merged, largest),
     )
+
+
+def _notes(
+    scan: Scan,
+    found: Registration,
+    outside: Summary | None,
+    floor: float,
+    merged: float | None,
+    largest: float | None,
+) -> tuple[str, ...]:
+    """Return what the reader of the numbers must know beside them."""
+    notes = [*scan.notes, *found.doubts]
+    if outside is not None and abs(outside.signed_mean_m) > OFFSET_FLOORS * floor:
+        side = 'outside' if outside.signed_mean_m > 0.0 else 'inside'
+        notes.append(
+            f'the undeformed region lies {1e3 * abs(outside.signed_mean_m):.2f} mm {side} the '
+            "model's outer face: check the object's size and thickness, and what was scanned"
+        )
+    if merged is None:
+        notes.append(
+            'too few undeformed places of 50 points: what the merging of views does to a depth is '
+            'unknown, its sigma is a lower bound'
+        )
+    if largest is None:
+        notes.append('no disc holds 50 points: no local maximum is quoted, see the raw maximum')
+    return tuple(notes)
 
 
 def _undeformed(
@@ -319,7 +336,13 @@ def _registered(
 ) -> Registration:
     try:
         return register(
-            scan.points, surface, start=start, mask=mask, scanner_sigma_m=sigma, contacts=contacts
+            scan.points,
+            surface,
+            start=start,
+            mask=mask,
+            scanner_sigma_m=sigma,
+            contacts=contacts,
+            views=scan.view,
         )
     except RegistrationError as error:
         raise RegistrationError(f'{scan.source}: {error}') from None
@@ -384,6 +407,8 @@ def registration_json(found: Registration) -> dict[str, object]:
         'centre_m': found.centre.tolist(),
         'steps': found.steps,
         'converged': found.converged,
+        'explained_fraction': found.explained_fraction,
+        'doubts': list(found.doubts),
         'ambiguous_poses': found.ambiguous_poses,
         'text': found.text,
     }

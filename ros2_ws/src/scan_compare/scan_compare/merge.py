@@ -171,6 +171,7 @@ def _joined(views: list[Scan], poses: list[Pose], residual: float, overlap: list
         any(view.unit_inferred for view in views),
         ' + '.join(view.source for view in views),
         (*notes, _merge_note(residual, overlap)) if len(views) > 1 else views[0].notes,
+        np.repeat(np.arange(len(views)), [len(view.points) for view in views]),
     )
 
 

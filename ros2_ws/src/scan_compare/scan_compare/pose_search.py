@@ -7,6 +7,8 @@ smooth surface itself.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -32,11 +34,19 @@ AMBIGUITY = 1.15
 DIFFERENT_ANGLE = np.deg2rad(10.0)
 
 
+@dataclass(frozen=True)
+class FoundPose:
+    """The best pose, its rms over the points kept [m], and how many distinct ones fit as well."""
+
+    pose: Pose
+    rms_m: float
+    alike: int
+
+
 def search_pose(
     points: np.ndarray, usable: np.ndarray, surface: DeformedSurface, sigma: float
-) -> tuple[Pose, int]:
-    """Return the best pose of scan `points` (n, 3) found from all rotations, and how many
-    distinct poses fit equally well.
+) -> FoundPose:
+    """Return the best pose of scan `points` (n, 3) found from all rotations.
 
     usable (n,): points that may be used. sigma: scanner noise [m]. Deterministic.
     """
@@ -134,7 +144,7 @@ def _contest(
     translation: np.ndarray,
     surface: DeformedSurface,
     sigma: float,
-) -> tuple[Pose, int]:
+) -> FoundPose:
     """Compare candidates by their trimmed distances to the smooth surface."""
     poses = [
         Pose(nearest_rotation(turn), shift)
@@ -153,4 +163,4 @@ def _contest(
         turns = [rotation_angle(poses[index].rotation @ other.rotation.T) for other in distinct]
         if scores[index] <= limit and min(turns) > DIFFERENT_ANGLE:
             distinct.append(poses[index])
-    return poses[best], len(distinct)
+    return FoundPose(poses[best], scores[best], len(distinct))

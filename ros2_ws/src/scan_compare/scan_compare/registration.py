@@ -9,12 +9,13 @@ left free; directions that nothing fixes stay at the start. Each is named in the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from scan_compare.deformed_surface import DeformedSurface
 from scan_compare.distance import Distances, displacement_vectors, measure
+from scan_compare.fit_check import FitCheck, check_fit
 from scan_compare.observability import (
     STRONG_SENSITIVITY,
     VISIBLE_SENSITIVITY,
@@ -23,15 +24,15 @@ from scan_compare.observability import (
     motion_rows,
     split_by_contacts,
 )
+from scan_compare.pose_covariance import Influence, covariance, slope_matrix
+from scan_compare.pose_search import search_pose
 from scan_compare.rigid import IDENTITY, Pose, nearest_rotation, rotation_from_vector
 from scan_compare.robust import (
+    RobustWeights,
     beside,
-    coherent_weight,
-    spread_of,
-    tukey,
+    robust_weights,
     weight_beside_depth,
 )
-from scan_compare.statistics import ALIKE, group_by_cell
 
 SCANNER_SIGMA = 0.127e-3
 """Stated accuracy of the NextEngine scanner, taken as one standard deviation [m]."""
@@ -67,7 +68,9 @@ class Registration:
     beside the surface). condition_number: of the 6 x 6 normal matrix of the undeformed region.
     unobservable: (k, 6) unit motions (rotation as arc at `radius_m`, translation) about `centre`
     that no distance fixes. covariance (6, 6): of small rotations [rad] about `centre` and
-    translations [m], zero along unobservable motions. text: the explanation in words.
+    translations [m], zero along unobservable motions. explained_fraction, doubts: of `fit_check`;
+    a registration with doubts must not be trusted, settled or not. text: the explanation in
+    words, doubts first.
     """
 
     rotation: np.ndarray
@@ -81,6 +84,8 @@ class Registration:
     radius_m: float
     steps: int
     converged: bool
+    explained_fraction: float
+    doubts: tuple[str, ...]
     ambiguous_poses: int
     text: str
 
@@ -101,9 +106,14 @@ class _Fit:
     rows: np.ndarray
     centre: np.ndarray
     radius: float
-    rigid_weight: np.ndarray
+    robust: RobustWeights
     all_weight: np.ndarray
     depth: np.ndarray
+
+    @property
+    def rigid_weight(self) -> np.ndarray:
+        """Weights (n,) of the undeformed region."""
+        return self.robust.weight
 
 
 @dataclass(frozen=True)
@@ -119,6 +129,17 @@ class _Step:
     offset_free: bool
 
 
+@dataclass(frozen=True)
+class _Settled:
+    """Where the fit ended, after how many steps, and what speaks against it."""
+
+    pose: Pose
+    steps: int
+    converged: bool
+    ambiguous: int
+    check: FitCheck
+
+
 def register(
     scan_points: np.ndarray,
     surface: DeformedSurface,
@@ -128,6 +149,7 @@ def register(
     scanner_sigma_m: float = SCANNER_SIGMA,
     sample: int = SAMPLE,
     contacts: np.ndarray | None = None,
+    views: np.ndarray | None = None,
 ) -> Registration:
     """Find the rigid motion that lays `scan_points` (n, 3) [m] onto `surface`.
 
@@ -135,8 +157,9 @@ def register(
     search all rotations. mask (n,): scan points of the undeformed region; None finds the region
     from the model's displacements and trims what does not fit. scanner_sigma_m: noise of one
     point. contacts (c, 3): points in the object's frame that `start` was made from; directions
-    that only they fix are named so. Deterministic. Raises RegistrationError if too few points
-    lie on the surface.
+    that only they fix are named so. views (n,): the number of the view that each point is
+    from, whose errors are alike; None where it is unknown. Deterministic. Raises
+    RegistrationError if too few points lie on the surface.
     """
     points = np.asarray(scan_points, float)
     if len(points) < 20:
@@ -147,10 +170,8 @@ def register(
     chosen = thin(len(points), sample)
     ambiguous = 0
     if start is None:
-        # imported here: the search itself refines its candidates with `refine`
-        from scan_compare.pose_search import search_pose
-
-        start, ambiguous = search_pose(points[chosen], usable[chosen], surface, scanner_sigma_m)
+        found = search_pose(points[chosen], usable[chosen], surface, scanner_sigma_m)
+        start, ambiguous = found.pose, found.alike
     coarse = chosen[: min(COARSE_SAMPLE, len(chosen))]
     pose, _, _, _ = refine(points[coarse], usable[coarse], surface, start, scanner_sigma_m)
     pose, fit, steps, converged = refine(
@@ -158,7 +179,19 @@ def register(
     )
     step = _solve(fit, scanner_sigma_m)
     known = np.empty((0, 3)) if contacts is None else np.asarray(contacts, float)
-    return _describe(fit, step, pose, steps, converged, ambiguous, known)
+    of_view = None if views is None else np.asarray(views)[chosen]
+    spread = _covariance(fit, step, of_view)
+    outside = usable[chosen] & (fit.distances.displacement <= surface.dent_threshold)
+    check = check_fit(
+        points[chosen],
+        surface,
+        fit.distances.distance,
+        outside,
+        _rms(fit),
+        scanner_sigma_m,
+    )
+    settled = _Settled(pose, steps, converged, ambiguous, check)
+    return _describe(fit, step, settled, known, spread)
 
 
 def thin(count: int, wanted: int) -> np.ndarray:
@@ -212,8 +245,8 @@ def _equations(
         )
     motions = motion_rows(distances.foot, distances.normal)
     value = distances.distance
-    rigid_weight = np.where(rigid, tukey(value, spread_of(value[rigid], sigma)), 0.0)
-    rigid_weight *= coherent_weight(points, value, rigid, sigma)
+    robust = robust_weights(points, value, rigid, sigma)
+    rigid_weight = robust.weight
     dent = np.flatnonzero(on_surface & in_dent)
     depth = np.zeros(len(points))
     all_weight = rigid_weight.copy()
@@ -224,9 +257,7 @@ def _equations(
         depth[dent] = np.einsum('ni,ni->n', vectors, distances.normal[dent])
         offset = float(np.median(value[rigid]))
         all_weight[dent] = weight_beside_depth(value[dent] - offset, depth[dent], sigma)
-    return _Fit(
-        distances, motions.rows, motions.centre, motions.radius, rigid_weight, all_weight, depth
-    )
+    return _Fit(distances, motions.rows, motions.centre, motions.radius, robust, all_weight, depth)
 
 
 def _solve(fit: _Fit, sigma: float) -> _Step:
@@ -291,88 +322,69 @@ def _moved(motion: np.ndarray, centre: np.ndarray, radius: float) -> Pose:
     return Pose(rotation, centre - rotation @ centre + motion[3:])
 
 
+def _rms(fit: _Fit) -> float:
+    return float(np.sqrt(np.mean(fit.distances.distance[fit.rigid_weight > 0.0] ** 2)))
+
+
 def _describe(
-    fit: _Fit,
-    step: _Step,
-    pose: Pose,
-    steps: int,
-    converged: bool,
-    ambiguous: int,
-    contacts: np.ndarray,
+    fit: _Fit, step: _Step, settled: _Settled, contacts: np.ndarray, spread: np.ndarray
 ) -> Registration:
-    used = fit.rigid_weight > 0.0
-    distance = fit.distances.distance
     values = np.linalg.eigvalsh(information(fit.rows, fit.rigid_weight))
     scale = np.diag(np.r_[np.full(3, 1.0 / fit.radius), np.ones(3)])
-    covariance = scale @ _covariance(fit, step) @ scale
-    rms = float(np.sqrt(np.mean(distance[used] ** 2)))
-    trimmed = float(1.0 - used.mean())
-    condition = float(values[-1] / max(values[0], 1e-300))
-    return Registration(
-        rotation=nearest_rotation(pose.rotation),
-        translation=pose.translation,
-        rms_m=rms,
-        trimmed_fraction=trimmed,
-        condition_number=condition,
+    found = Registration(
+        rotation=nearest_rotation(settled.pose.rotation),
+        translation=settled.pose.translation,
+        rms_m=_rms(fit),
+        trimmed_fraction=float(np.mean(fit.rigid_weight == 0.0)),
+        condition_number=float(values[-1] / max(values[0], 1e-300)),
         unobservable=step.hidden.T.copy(),
-        covariance=covariance,
+        covariance=scale @ spread @ scale,
         centre=fit.centre,
         radius_m=fit.radius,
-        steps=steps,
-        converged=converged,
-        ambiguous_poses=ambiguous,
-        text=_explain(fit, step, rms, trimmed, condition, converged, ambiguous, contacts),
+        steps=settled.steps,
+        converged=settled.converged,
+        explained_fraction=settled.check.explained,
+        doubts=settled.check.doubts,
+        ambiguous_poses=settled.ambiguous,
+        text='',
     )
+    return replace(found, text=_explain(fit, step, found, contacts))
 
 
-def _covariance(fit: _Fit, step: _Step) -> np.ndarray:
-    """Return the covariance (6, 6) of the motion (arc, translation), robust to clusters.
+def _covariance(fit: _Fit, step: _Step, views: np.ndarray | None) -> np.ndarray:
+    """Return the covariance (6, 6) of the motion (arc, translation).
 
-    Sum of outer products of the influence of clusters, in which errors are alike, on the estimate,
-    so that neither the noise level nor its independence has to be assumed. A uniform offset that
-    is kept apart from the pose is none of its errors.
+    A uniform offset that is kept apart from the pose is none of its errors.
     """
-    distance = fit.distances.distance
-    if step.offset_free:
-        distance = distance - np.average(distance, weights=fit.rigid_weight)
-    influence = np.zeros((len(distance), 6))
+    distance, weight = fit.distances.distance, fit.rigid_weight
+    free = np.ones((len(distance), 1 if step.offset_free else 0))
+    fitted = free * weight[:, None] / weight.sum()
+    distance = distance - free @ (fitted.T @ distance)
+    # At the solution both sets of equations hold at once, each for all motions together.
+    strong = step.strong_rows * weight[:, None]
+    weak = step.weak_rows * fit.all_weight[:, None]
+    directions = np.column_stack((step.strong, step.weak))
+    equations = np.column_stack((strong, weak))
+    normal = equations.T @ (fit.rows @ directions)
+    of_strong = slice(0, step.strong.shape[1])
     if step.strong.shape[1]:
-        influence = _influence(step.strong_rows, fit.rigid_weight, distance) @ step.strong.T
-    if step.weak.shape[1]:
-        rows = step.weak_rows
-        weighted = rows * fit.all_weight[:, None]
-        normal = weighted.T @ rows
-        direct = weighted * distance[:, None]
-        through_strong = influence @ (weighted.T @ fit.rows).T
-        weak = np.linalg.solve(normal, (direct + through_strong).T).T
-        influence = influence - weak @ step.weak.T
-    cluster, count = group_by_cell(fit.distances.foot, ALIKE * fit.radius)
-    total = np.column_stack(
-        [np.bincount(cluster, influence[:, k], minlength=count) for k in range(6)]
-    )
-    return total.T @ total
+        robust = fit.robust
+        normal[of_strong, of_strong] = slope_matrix(
+            step.strong_rows, weight, robust.slope, robust.patch, robust.pull
+        )
+    pose = np.zeros((len(distance), 6))
+    if directions.shape[1]:
+        pose = np.linalg.solve(normal, equations.T).T @ directions.T
+    influence = Influence(fit.rows, pose, distance, free, fitted)
+    return covariance(influence, fit.distances.foot, fit.radius, views)
 
 
-def _influence(rows: np.ndarray, weight: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Return the influence (n, k) of each distance on the weighted least-squares solution."""
-    weighted = rows * weight[:, None]
-    return -np.linalg.solve(weighted.T @ rows, (weighted * distance[:, None]).T).T
-
-
-def _explain(
-    fit: _Fit,
-    step: _Step,
-    rms: float,
-    trimmed: float,
-    condition: float,
-    converged: bool,
-    ambiguous: int,
-    contacts: np.ndarray,
-) -> str:
+def _explain(fit: _Fit, step: _Step, found: Registration, contacts: np.ndarray) -> str:
     parts = [
-        f'rigid, no scale; rms {1e3 * rms:.3f} mm on the undeformed region, '
-        f'{100 * trimmed:.0f} % of the scan left out (dent, outliers, beside the surface); '
-        f'condition number {condition:.3g}'
+        *found.doubts,
+        f'rigid, no scale; rms {1e3 * found.rms_m:.3f} mm on the undeformed region, '
+        f'{100 * found.trimmed_fraction:.0f} % of the scan left out (dent, outliers, beside the '
+        f'surface); condition number {found.condition_number:.3g}',
     ]
     if step.offset_free:
         parts.append('a uniform offset between scan and model is left in the errors')
@@ -385,12 +397,13 @@ def _explain(
         if directions.shape[1]:
             names = [describe_direction(d, fit.centre, fit.radius) for d in directions.T]
             parts.append(f'unobservable, {how}: ' + '; '.join(names))
-    if ambiguous > 1:
+    if found.ambiguous_poses > 1:
         parts.append(
-            f'{ambiguous} poses fit equally well (a symmetry of the object): state a start pose'
+            f'{found.ambiguous_poses} poses fit equally well (a symmetry of the object): state a '
+            'start pose'
         )
-    if trimmed > MOST_TRIMMED:
+    if found.trimmed_fraction > MOST_TRIMMED:
         parts.append('most of the scan does not fit: check start pose, unit and object')
-    if not converged:
+    if not found.converged:
         parts.append('the fit did not settle: treat the pose with caution')
     return '. '.join(parts)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from scan_compare.statistics import group_by_cell
@@ -27,14 +29,38 @@ def tukey(distance: np.ndarray, scale: float) -> np.ndarray:
     return np.maximum(0.0, 1.0 - (distance / (TUKEY * scale)) ** 2) ** 2
 
 
-def coherent_weight(
-    points: np.ndarray, distance: np.ndarray, rigid: np.ndarray, sigma: float
-) -> np.ndarray:
-    """Return weights (n,) that leave out patches which deviate as a whole.
+def tukey_slope(distance: np.ndarray, scale: float) -> np.ndarray:
+    """Return the derivative (n,) of Tukey's weight times the distance."""
+    share = np.minimum((distance / (TUKEY * scale)) ** 2, 1.0)
+    return (1.0 - share) * (1.0 - 5.0 * share)
 
-    A dent that the model does not know ends in a skirt no deeper than the noise; the mean over a
-    patch shows it where single points do not.
+
+@dataclass(frozen=True)
+class RobustWeights:
+    """Weights of distances and how they follow them.
+
+    weight (n,); slope (n,): derivative of weight times distance, the patches' weights kept; patch
+    (n,) of each point; pull (patches,): derivative of a patch's weight times the sum of its
+    otherwise weighted distances.
     """
+
+    weight: np.ndarray
+    slope: np.ndarray
+    patch: np.ndarray
+    pull: np.ndarray
+
+
+def robust_weights(
+    points: np.ndarray, distance: np.ndarray, rigid: np.ndarray, sigma: float
+) -> RobustWeights:
+    """Return the weights of the points of the undeformed region `rigid` (n,) bool.
+
+    Tukey's biweight of single points, times weights that leave out patches which deviate as a
+    whole: a dent that the model does not know ends in a skirt no deeper than the noise; the mean
+    over a patch shows it where single points do not.
+    """
+    scale = spread_of(distance[rigid], sigma)
+    single = np.where(rigid, tukey(distance, scale), 0.0)
     patch, count = group_by_cell(points, CLUSTER)
     members = np.bincount(patch, rigid, minlength=count)
     total = np.bincount(patch, np.where(rigid, distance, 0.0), minlength=count)
@@ -42,7 +68,17 @@ def coherent_weight(
     seen = members > 0
     middle = float(np.median(mean[seen]))
     least = sigma / np.sqrt(float(np.median(members[seen])))
-    return tukey(mean - middle, spread_of(mean[seen] - middle, least))[patch]
+    spread = spread_of(mean[seen] - middle, least)
+    common = tukey(mean - middle, spread)
+    followed = tukey_slope(mean - middle, spread) - common
+    pulled = np.bincount(patch, single * distance, minlength=count)
+    off = np.where(mean == middle, 1.0, mean - middle)
+    return RobustWeights(
+        weight=single * common[patch],
+        slope=np.where(rigid, tukey_slope(distance, scale), 0.0) * common[patch],
+        patch=patch,
+        pull=np.where(seen, followed / off * pulled, 0.0),
+    )
 
 
 def weight_beside_depth(distance: np.ndarray, depth: np.ndarray, sigma: float) -> np.ndarray:

@@ -31,7 +31,8 @@ class Scan:
     """A scan: `points` (n, 3) [m], `triangles` (m, 3) int32 into them or None for a cloud.
 
     `unit` is the unit of the file, `unit_inferred` whether the size decided it, `source` names
-    where the scan came from, `notes` say what was inferred, repaired or left out.
+    where the scan came from, `notes` say what was inferred, repaired or left out. `view` (n,): the
+    number of the view that each point is from, None where nobody says.
     """
 
     points: np.ndarray
@@ -40,6 +41,7 @@ class Scan:
     unit_inferred: bool
     source: str
     notes: tuple[str, ...] = ()
+    view: np.ndarray | None = None
 
     def moved(self, rotation: np.ndarray, translation: np.ndarray) -> Scan:
         """Return the scan with every point p moved to rotation @ p + translation."""

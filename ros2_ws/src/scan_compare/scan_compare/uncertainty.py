@@ -27,12 +27,12 @@ def merging_sigma(
     distance: np.ndarray,
     reference: tuple[np.ndarray, np.ndarray] | None,
     size: float,
-) -> float:
+) -> float | None:
     """Return the standard deviation [m] of a scan's mean distance over neighbourhoods of `size`.
 
     foot (n, 3), distance (n,): of undeformed points to the model [m]. reference: the same of the
     scan at rest, whose means are taken off place by place, so that what is wrong with the model
-    does not count; None leaves it in. Zero for fewer than FEWEST_PLACES neighbourhoods.
+    does not count; None leaves it in. None, unknown, for fewer than FEWEST_PLACES neighbourhoods.
     """
     parts = [(foot, distance)] if reference is None else [(foot, distance), reference]
     cell, cells = group_by_cell(np.concatenate([part[0] for part in parts]), size)
@@ -45,7 +45,7 @@ def merging_sigma(
         difference += sign * np.bincount(own, values, minlength=cells) / np.maximum(count, 1)
         seen &= count >= FEWEST_POINTS
         sign, start = -1.0, len(values)
-    return spread_of(difference[seen], 0.0) if np.count_nonzero(seen) >= FEWEST_PLACES else 0.0
+    return spread_of(difference[seen], 0.0) if np.count_nonzero(seen) >= FEWEST_PLACES else None
 
 
 def mean_error_sigma(distances: Distances, used: np.ndarray, found: Registration) -> float:

@@ -59,7 +59,15 @@ def test_noise_of_single_points_counts_for_nothing_much() -> None:
 
 def test_too_few_neighbourhoods_tell_nothing() -> None:
     at = 5e-3 + 0.1 * feet(1)
-    assert merging_sigma(at, merged(at, 0.06e-3, 1), None, SIZE) == 0.0
+    assert merging_sigma(at, merged(at, 0.06e-3, 1), None, SIZE) is None
+
+
+def test_a_comparison_says_that_what_merging_does_to_a_depth_is_unknown() -> None:
+    model = ball()
+    thin = Scan(scan_points(model, 1_500), None, 'm', False, 'thin')
+    compared = compare(thin, model)
+    assert compared.merging_sigma_m is None
+    assert any('lower bound' in note for note in compared.notes)
 
 
 def test_a_depth_is_no_better_known_than_the_views_that_show_it() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -82,4 +83,19 @@ def parse(
         import argcomplete
 
         argcomplete.autocomplete(parser)
-    return parser.parse_args(arguments)
+    given = sys.argv[1:] if arguments is None else arguments
+    return parser.parse_args(with_negative_values(given))
+
+
+def with_negative_values(arguments: Sequence[str]) -> list[str]:
+    """Join an option with a following value that begins with a minus: `--contact -0.03,0,0`.
+
+    argparse takes such a value for an option of its own.
+    """
+    joined: list[str] = []
+    for word in arguments:
+        if joined and re.match(r'-[.\d]', word) and re.fullmatch(r'--[a-z][-a-z]*', joined[-1]):
+            joined[-1] = f'{joined[-1]}={word}'
+        else:
+            joined.append(word)
+    return joined

@@ -92,3 +92,14 @@ def test_every_usage_names_the_version(capsys: pytest.CaptureFixture[str]) -> No
     with pytest.raises(SystemExit) as caught:
         parse('grasp_common', argparse.ArgumentParser(prog='small'), ['--help'])
     assert caught.value.code == 0 and '--version' in capsys.readouterr().out
+
+
+def test_a_value_that_begins_with_a_minus_belongs_to_its_option() -> None:
+    parser = argparse.ArgumentParser(prog='x')
+    parser.add_argument('--contact', action='append')
+    parser.add_argument('--json', action='store_true')
+    options = parse(
+        'grasp_common', parser, ['--contact', '-0.03,0,0', '--contact', '-.5', '--json']
+    )
+    assert options.contact == ['-0.03,0,0', '-.5']
+    assert options.json

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp_common.formats import RawMesh
 from grasp_replay.errors import BagError
 from grasp_replay.experiment import Experiment, read_experiment
 from grasp_replay.holds import HeldContacts, Hold, holds_of
@@ -20,7 +21,6 @@ from grasp_replay.placement import placement
 from grasp_replay.recording import Recording, bag_sha256, read_recording
 from grasp_replay.theories import THEORIES, Solved, TheorySet, theory_set
 from scan_compare.comparison import Comparison, ComparisonError, compare
-from scan_compare.formats import RawMesh
 from scan_compare.registration import RegistrationError
 from scan_compare.rigid import Pose as ScanPose
 from scan_compare.scan import Scan

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from grasp_common.formats import RawMesh
 from grasp_replay.errors import BagError
 from grasp_replay.experiment import Experiment
 from grasp_replay.recording import Recording
 from scan_compare.deformed_surface import DeformedSurface
-from scan_compare.formats import RawMesh
 from scan_compare.model_file import surface_of_object
 from scan_compare.registration import Registration, RegistrationError, register
 from scan_compare.rigid import IDENTITY, Pose

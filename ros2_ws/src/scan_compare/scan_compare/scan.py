@@ -2,28 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-WELD_SHARE = 2.0**-20
-"""Vertices closer than this share of the size of a scan may be one vertex.
-
-For a ball of 65 mm that is 0.06 micrometres: far below any scanner, above rounding of text. The
-size is that of most points, so that a stray one coarsens nothing."""
-
-WELD_SPACING_SHARE = 2.0**-10
-"""... and closer than this share of the distance between neighbouring points."""
+from grasp_common.formats.welding import MIX, middle_and_size, pieces, weld
 
 STRAY_FACTOR = 100.0
 """Points further from the middle than this many sizes of the scan are no part of it."""
-
-PIECE = 2**17
-"""Points or faces treated at once, so that working memory does not grow with a scan."""
-
-MIX = np.uint64(0x9E3779B97F4A7C15)
-"""Odd, its bits spread (2^64 over the golden ratio): joins the corners of a face to one hash."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +85,7 @@ def clean(points: np.ndarray, triangles: np.ndarray | None) -> Cleaned:
     good = _finite(points)
     if not good.all():
         notes.append(f'{np.count_nonzero(~good)} points with NaN or infinite coordinates dropped')
-    middle, size = _middle_and_size(points, good)
+    middle, size = middle_and_size(points, good)
     strays = _drop_strays(points, good, middle, size)
     if strays:
         notes.append(
@@ -124,18 +110,13 @@ def clean(points: np.ndarray, triangles: np.ndarray | None) -> Cleaned:
     return Cleaned(welded, triangles, tuple(notes))
 
 
-def _pieces(count: int, size: int = PIECE) -> Iterator[slice]:
-    for start in range(0, count, size):
-        yield slice(start, min(start + size, count))
-
-
 def _finite(points: np.ndarray) -> np.ndarray:
     """Return which points (n,) are lengths.
 
     Coordinates of 1e30 and more are none either and would overflow when squared.
     """
     good = np.empty(len(points), bool)
-    for piece in _pieces(len(points)):
+    for piece in pieces(len(points)):
         good[piece] = np.all(np.abs(points[piece]) < 1e30, axis=1)
     return good
 
@@ -144,102 +125,21 @@ def _gathered(rows: np.ndarray, kept: np.ndarray) -> np.ndarray:
     """Move the rows `kept` (ascending) of an array to its front and return them."""
     if len(kept) == len(rows):
         return rows
-    for piece in _pieces(len(kept)):
+    for piece in pieces(len(kept)):
         rows[piece] = rows[kept[piece]]
     front = rows[: len(kept)]
     # a small front must not keep the large array in memory
     return front if 2 * len(kept) > len(rows) else front.copy()
 
 
-def _middle_and_size(points: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the median (3,) of the good points and the largest side of the box of most of them.
-
-    Most: between the 5 % and 95 % quantiles of each coordinate. Where they are all in one place
-    the size is that of the box of all points.
-    """
-    low, middle, high = np.zeros(3), np.zeros(3), np.zeros(3)
-    if not good.any():
-        return middle, 0.0
-    whole = bool(good.all())
-    for axis in range(3):
-        # one coordinate after the other: a quantile works on a copy
-        values = points[:, axis] if whole else points[good, axis]
-        low[axis], middle[axis], high[axis] = np.quantile(values, (0.05, 0.5, 0.95))
-        if high[axis] == low[axis]:
-            middle[axis] = low[axis]
-    size = float((high - low).max())
-    if size == 0.0:
-        size = max(float(np.ptp(points[good, axis])) for axis in range(3))
-    return middle, size
-
-
 def _drop_strays(points: np.ndarray, good: np.ndarray, middle: np.ndarray, size: float) -> int:
     """Mark points that are far from all others as not good; returns how many."""
     before = int(np.count_nonzero(good))
-    for piece in _pieces(len(points)):
+    for piece in pieces(len(points)):
         with np.errstate(invalid='ignore'):
             near = np.abs(points[piece] - middle).max(axis=1) <= STRAY_FACTOR * size
         good[piece] &= near
     return before - int(np.count_nonzero(good))
-
-
-def weld(
-    points: np.ndarray, good: np.ndarray, middle: np.ndarray, size: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Find the points that share a cell of a fine grid, among those (n,) that are `good`.
-
-    middle (3,), size: where the points lie; the cells follow from size and number of them.
-    Returns the indices of the first point of each cell (k,), ascending, and, for each given
-    point, its place among them (n,) int32, -1 where it is not good.
-    """
-    number = np.full(len(points), -1, np.int32)
-    place = None if good.all() else np.flatnonzero(good).astype(np.int32)
-    key = _cell_keys(points, place, middle, size)
-    order = np.argsort(key, kind='stable')
-    last_key, leader = None, 0
-    for piece in _pieces(len(order)):
-        member = order[piece]
-        sorted_key = key[member]
-        begins = np.empty(len(member), bool)
-        begins[0] = sorted_key[0] != last_key
-        begins[1:] = sorted_key[1:] != sorted_key[:-1]
-        # the sort is stable: the first of each group is the one that appeared first
-        leaders = np.concatenate(([leader], member[begins]))
-        last_key, leader = sorted_key[-1], leaders[-1]
-        own = leaders[np.cumsum(begins)]
-        if place is None:
-            number[member] = own
-        else:
-            number[place[member]] = place[own]
-    del key, order
-    is_leader = np.empty(len(points), bool)
-    for piece in _pieces(len(points)):
-        is_leader[piece] = number[piece] == np.arange(piece.start, piece.stop)
-    rank = np.cumsum(is_leader, dtype=np.int32)
-    rank -= 1
-    for piece in _pieces(len(points)):
-        number[piece] = np.where(number[piece] < 0, -1, rank[number[piece]])
-    del rank
-    return np.flatnonzero(is_leader), number
-
-
-def _cell_keys(
-    points: np.ndarray, place: np.ndarray | None, middle: np.ndarray, size: float
-) -> np.ndarray:
-    """Return a hash (n,) for each point, or each at `place`, of its cell of the welding grid."""
-    count = len(points) if place is None else len(place)
-    key = np.zeros(count, np.uint64)
-    if count == 0:
-        return key
-    # points of a surface lie about size / sqrt(count) apart
-    cell = size * min(WELD_SHARE, WELD_SPACING_SHARE / count**0.5)
-    scale = 1.0 / cell if cell > 0.0 else 0.0
-    for piece in _pieces(count):
-        chosen = points[piece] if place is None else points[place[piece]]
-        cells = np.rint((chosen - middle) * scale).astype(np.int64).astype(np.uint64)
-        # 64 bits: two cells of ten million share a hash once in 400 000 scans
-        key[piece] = (cells[:, 0] * MIX + cells[:, 1]) * MIX + cells[:, 2]
-    return key
 
 
 def _without_degenerate(
@@ -250,7 +150,7 @@ def _without_degenerate(
     A file of few vertices and very many faces shrinks here, before all are sorted together.
     """
     kept = 0
-    for piece in _pieces(len(triangles)):
+    for piece in pieces(len(triangles)):
         faces = new_index[triangles[piece]]
         faces = faces[(faces >= 0).all(axis=1)]
         distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2])
@@ -270,12 +170,12 @@ def _without_repeated(triangles: np.ndarray) -> np.ndarray:
 def _first_of_each(triangles: np.ndarray) -> np.ndarray:
     """Return the indices (k,), ascending, of the first face of each triple of corners."""
     key = np.empty(len(triangles), np.uint64)
-    for piece in _pieces(len(triangles)):
+    for piece in pieces(len(triangles)):
         low, middle, high = np.sort(triangles[piece], axis=1).astype(np.uint64).T
         key[piece] = (low * MIX + middle) * MIX + high
     order = np.argsort(key, kind='stable')
     repeated = np.zeros(len(triangles), bool)
-    for piece in _pieces(len(triangles) - 1):
+    for piece in pieces(len(triangles) - 1):
         before, after = order[piece], order[piece.start + 1 : piece.stop + 1]
         same = np.flatnonzero(key[before] == key[after])
         # faces of one hash are compared, so that none is lost by chance

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from scan_compare.formats import RawMesh, ScanFileError, parse_mesh, read_mesh_file
+from grasp_common.formats import RawMesh, ScanFileError, parse_mesh, read_mesh_file
 from scan_compare.scan import Scan, clean
 from scan_compare.units import UnitError, choose_unit, robust_extent
 

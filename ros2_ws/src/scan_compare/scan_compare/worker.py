@@ -19,6 +19,7 @@ from threading import Thread
 
 import numpy as np
 
+from grasp_common.formats import RawMesh
 from scan_compare.comparison import ComparisonError, compare
 from scan_compare.deformed_surface import (
     DeformedSurface,
@@ -26,7 +27,6 @@ from scan_compare.deformed_surface import (
     published_mesh,
     surface_from_limit_positions,
 )
-from scan_compare.formats import RawMesh
 from scan_compare.registration import RegistrationError
 from scan_compare.report.files import write_report
 from scan_compare.report.table import verdict

@@ -24,16 +24,23 @@ from shell_deform.objects import load_object
 from shell_deform.objects.file_mesh import UNIT_M, read_triangles, write_control_mesh
 from shell_deform.objects.object_mesh import EDGES_PER_RADIUS
 from shell_deform.objects.prepare import PreparedScan, prepare, vertex_thickness
+from shell_deform.objects.primitive_fit import capped_share, fitting_primitive
+from shell_deform.objects.shell_object import DEFAULT_CONTACT_RADIUS_M
 from shell_deform.surface import LimitSurface
 from shell_deform.surface.scan_fit import ScanFit
 
 FloatArray = npt.NDArray[np.float64]
+
+HAND_SIZE_M = (0.02, 0.5)
+"""Largest sides of objects that a hand holds [m]; their ratio is below 25.4."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prepare one object; 0 done, 1 failed with one sentence, 2 wrong arguments."""
     parser = _parser()
     options = parse('shell_deform', parser, arguments)
+    if options.gauge_pressure_pa is not None and options.gas != 'sealed':
+        parser.error('--gauge-pressure-pa needs --gas sealed')
     if options.error_m is not None and options.vertices is not None:
         parser.error('give --vertices or --error-m, not both')
     return run('object_prepare', lambda: _prepare(options))
@@ -46,7 +53,9 @@ def _parser() -> argparse.ArgumentParser:
         'cleaned, oriented, remeshed and fitted by a Loop control mesh whose limit surface is '
         'the middle of the wall. Primitives need no scan: write their object file by hand.',
     )
-    parser.add_argument('scan', type=Path, help='triangles in any format that trimesh reads')
+    parser.add_argument(
+        'scan', type=Path, help='triangles: STL, PLY, OBJ, OFF or VRML 2, also gzipped'
+    )
     parser.add_argument('--unit', choices=sorted(UNIT_M), required=True, help='unit of the scan')
     parser.add_argument('--name', help="name of the object (default: the scan file's)")
     parser.add_argument('--out', type=Path, default=Path(), help='folder for the results')
@@ -91,9 +100,24 @@ def _parser() -> argparse.ArgumentParser:
         type=_contact,
         action='append',
         default=[],
-        metavar='X,Y,Z,RADIUS',
+        metavar='X,Y,Z[,RADIUS]',
         help='a pin on the outer face [m], in the frame of the scan; triangles are small there. '
-        'May be repeated',
+        f'Its radius is {1e3 * DEFAULT_CONTACT_RADIUS_M:g} mm unless stated. May be repeated',
+    )
+    parser.add_argument(
+        '--gas',
+        choices=['none', 'open', 'sealed'],
+        help='what fills the object (default: not stated, none)',
+    )
+    parser.add_argument(
+        '--gauge-pressure-pa', type=float, metavar='PA', help='of sealed gas, above ambient [Pa]'
+    )
+    parser.add_argument(
+        '--size-m',
+        type=above_zero,
+        metavar='M',
+        help='largest side of the object [m]: the scan must be about that large in its unit '
+        '(default: what a hand can hold, 0.02 to 0.5 m)',
     )
     parser.add_argument('--json', action='store_true', help='print one JSON document')
     return parser
@@ -107,6 +131,7 @@ def _prepare(options: argparse.Namespace) -> None:
     console = Console(stderr=True)
     with console.status(f'reading {options.scan}') as status:
         vertices, triangles = read_triangles(options.scan, options.unit)
+        _refuse_size(options, vertices)
         status.update(f'fitting {len(vertices)} points')
         contacts = np.array(options.contact, dtype=np.float64).reshape(-1, 4)
         prepared = prepare(
@@ -124,6 +149,7 @@ def _prepare(options: argparse.Namespace) -> None:
         status.update('writing the results')
         files = _write(options, name, prepared, thickness)
     report = _report(name, prepared, files)
+    report['warnings'] += _what_is_missing(prepared, report)
     if options.json:
         print_json(report)
         return
@@ -138,6 +164,27 @@ def _prepare(options: argparse.Namespace) -> None:
         say(f'warning: {warning}')
     for path in files.values():
         say(path)
+
+
+def _refuse_size(options: argparse.Namespace, vertices: FloatArray) -> None:
+    """A scan read in a wrong unit is off by 25.4 or 1000: no hand holds it."""
+    size = float(np.ptp(np.quantile(vertices, (0.005, 0.995), axis=0), axis=0).max())
+    low, high = HAND_SIZE_M
+    if options.size_m is not None:
+        low, high = 0.5 * options.size_m, 1.6 * options.size_m
+    if low <= size <= high:
+        return
+    fitting = [
+        (unit, size / UNIT_M[options.unit] * metres)
+        for unit, metres in UNIT_M.items()
+        if unit != 'inch' and low <= size / UNIT_M[options.unit] * metres <= high
+    ]
+    hint = ' or '.join(f'--unit {unit} makes it {1e3 * other:.4g} mm' for unit, other in fitting)
+    raise CommandError(
+        f'{options.scan}: in {options.unit} the object is {1e3 * size:.4g} mm large, which is not '
+        f'between {1e3 * low:.4g} and {1e3 * high:.4g} mm; {hint or "check the unit"}, or state '
+        'its true size with --size-m'
+    )
 
 
 def _refuse_far_contacts(contacts: FloatArray, points: FloatArray) -> None:
@@ -201,6 +248,7 @@ def _content(
         'thickness_m': float(thickness) if walls is None else walls.tolist(),
         'young_modulus_pa': options.young_modulus_pa,
         'poisson_ratio': options.poisson_ratio,
+        **_gas(options),
         'contacts': [
             {'at_m': list(contact[:3]), 'radius_m': contact[3], 'kind': 'pin'}
             for contact in options.contact
@@ -209,6 +257,15 @@ def _content(
         'source': f'fitted to the {options.face} face of {options.scan.name} ({options.unit}), '
         f'{1e3 * prepared.fit.rms_m:.3g} mm rms',
     }
+
+
+def _gas(options: argparse.Namespace) -> dict[str, Any]:
+    if options.gas is None:
+        return {}
+    gas: dict[str, Any] = {'kind': options.gas}
+    if options.gauge_pressure_pa is not None:
+        gas['gauge_pressure_pa'] = options.gauge_pressure_pa
+    return {'gas': gas}
 
 
 def _report(name: str, prepared: PreparedScan, files: dict[str, str]) -> dict[str, Any]:
@@ -231,6 +288,27 @@ def _report(name: str, prepared: PreparedScan, files: dict[str, str]) -> dict[st
         'warnings': prepared.warnings(),
         'files': files,
     }
+
+
+def _what_is_missing(prepared: PreparedScan, report: dict[str, Any]) -> list[str]:
+    """Sentences on an open shape and on the primitive that the scan shows; kept in the report."""
+    found = []
+    if report['open_rims']:
+        share = capped_share(prepared.scan)
+        report['missing_lid_share'] = share
+        found.append(
+            f'the shape is open: {report["open_rims"]} rims, whose flat lids would be '
+            f'{100.0 * share:.0f} % of it; scan the rest, or raise --close-holes-m'
+        )
+    primitive = fitting_primitive(prepared.scan)
+    if primitive is not None:
+        report['primitive'] = {
+            'surface': primitive.surface,
+            'rms_m': primitive.rms_m,
+            'missing_share': primitive.missing,
+        }
+        found.append(primitive.sentence())
+    return found
 
 
 def _systematic(fit: ScanFit) -> str:
@@ -323,7 +401,12 @@ def _count(text: str) -> int:
 
 
 def _contact(text: str) -> tuple[float, float, float, float]:
-    parts = [float(part) for part in text.split(',')]
+    try:
+        parts = [float(part) for part in text.split(',')]
+    except ValueError:
+        parts = []
+    if len(parts) == 3:
+        parts.append(DEFAULT_CONTACT_RADIUS_M)
     if len(parts) != 4 or not np.isfinite(parts).all() or parts[3] <= 0.0:
         raise argparse.ArgumentTypeError(f'{text!r} is not X,Y,Z,RADIUS with a radius above zero')
     return parts[0], parts[1], parts[2], parts[3]

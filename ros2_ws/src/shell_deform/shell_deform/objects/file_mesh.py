@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+
+from grasp_common.formats import RawMesh, ScanFileError, read_mesh_file
+from grasp_common.formats.welding import middle_and_size, weld
 
 from ..surface.control_mesh import ControlMesh, MeshError, control_mesh
 from ..surface.limit import LimitSurface
@@ -14,14 +16,14 @@ from .shell_object import MeshFile, ObjectError
 
 FloatArray = npt.NDArray[np.float64]
 
-UNIT_M = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'in': 0.0254}
+UNIT_M = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'in': 0.0254, 'inch': 0.0254}
 """Metres per unit of a mesh file."""
 
 
 def read_triangles(
     path: Path, unit: str, *, merge: bool = True
 ) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """Vertices (n, 3) [m] and triangles (m, 3) of any file that trimesh reads.
+    """Vertices (n, 3) [m] and triangles (m, 3) of any file that `grasp_common.formats` reads.
 
     Args:
         merge: make vertices at the same place one.
@@ -29,42 +31,44 @@ def read_triangles(
     Raises:
         ObjectError: the file cannot be read or holds no triangle.
     """
-    mesh = _loaded(path, 'mesh')
-    if len(getattr(mesh, 'faces', ())) == 0:
-        raise ObjectError(f'{path}: holds no triangles')
-    _check_finite(path, mesh.vertices)
+    mesh = _loaded(path)
+    if mesh.triangles is None or len(mesh.triangles) == 0:
+        raise ObjectError(
+            f'{path}: holds no triangles, only {len(mesh.points)} points; make a mesh of them '
+            'first (scanner software, MeshLab, CloudCompare)'
+        )
+    _check_finite(path, mesh.points)
+    vertices, triangles = mesh.points, mesh.triangles.astype(np.int64)
     if merge:
-        mesh.merge_vertices()
-    return np.asarray(mesh.vertices) * UNIT_M[unit], np.asarray(mesh.faces, dtype=np.int64)
+        kept, number = weld(vertices, np.ones(len(vertices), bool), *_middle(vertices))
+        vertices, triangles = vertices[kept], number[triangles].astype(np.int64)
+    return vertices * UNIT_M[unit], triangles
 
 
 def read_points(path: Path, unit: str) -> FloatArray:
-    """Points (n, 3) [m] of any mesh or point cloud that trimesh reads.
+    """Points (n, 3) [m] of any mesh or point cloud that `grasp_common.formats` reads.
 
     Raises:
         ObjectError: the file cannot be read or holds no point.
     """
-    loaded = _loaded(path, None)
-    parts = getattr(loaded, 'geometry', {'': loaded}).values()
-    points = [np.asarray(getattr(part, 'vertices', ())).reshape(-1, 3) for part in parts]
-    if sum(map(len, points)) == 0:
+    points = _loaded(path).points
+    if len(points) == 0:
         raise ObjectError(f'{path}: holds no points')
-    found = np.concatenate(points).astype(np.float64)
-    _check_finite(path, found)
-    return found * UNIT_M[unit]
+    _check_finite(path, points)
+    return np.asarray(points * UNIT_M[unit], dtype=np.float64)
 
 
-def _loaded(path: Path, force: Literal['mesh'] | None) -> Any:
-    # Fifteen megabytes that only mesh files need, in every node's memory if imported above.
-    import trimesh
-
+def _loaded(path: Path) -> RawMesh:
     if not path.is_file():
         raise ObjectError(f'{path}: there is no such file')
     try:
-        return trimesh.load(path, force=force, process=False)
-    except Exception as error:
-        what = 'a mesh' if force else 'a mesh or point cloud'
-        raise ObjectError(f'{path}: cannot be read as {what}: {error}') from error
+        return read_mesh_file(path)
+    except ScanFileError as error:
+        raise ObjectError(str(error)) from error
+
+
+def _middle(vertices: FloatArray) -> tuple[FloatArray, float]:
+    return middle_and_size(vertices, np.ones(len(vertices), bool))
 
 
 def _check_finite(path: Path, vertices: FloatArray) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .shell_object import (
+    DEFAULT_CONTACT_RADIUS_M,
     DEFAULT_CONTROL_VERTICES,
     STANDARD_ATMOSPHERE_PA,
     Cone,
@@ -155,7 +156,7 @@ def _height_field(entry: Entry, folder: Path) -> Surface:
 
 def _mesh(entry: Entry, folder: Path) -> Surface:
     found = entry.mapping(['file', 'unit', 'face'])
-    unit = cast(Any, found['unit'].text(['m', 'cm', 'mm', 'in']))
+    unit = cast(Any, found['unit'].text(['m', 'cm', 'mm', 'in', 'inch']))
     face = cast(Any, found['face'].text(['outer', 'middle', 'control']))
     return MeshFile(_file(found['file'], folder), unit, face)
 
@@ -242,11 +243,13 @@ def _is_number(text: str) -> bool:
 
 
 def _contact(entry: Entry, surface: Surface) -> Contact:
-    found = entry.mapping(['at_m', 'radius_m', 'kind'], ['curvature_radius_m'])
+    found = entry.mapping(['at_m'], ['radius_m', 'kind', 'curvature_radius_m'])
     x, y, z = (value.number(minimum=-1000, maximum=1000) for value in found['at_m'].items(3))
-    kind = cast(Any, found['kind'].text(['pin', 'pad']))
+    kind = cast(Any, found['kind'].text(['pin', 'pad']) if 'kind' in found else 'pin')
     largest = smallest_radius(surface) if kind == 'pin' else 1000.0
-    radius = found['radius_m'].number(above=0.0, maximum=largest)
+    radius = DEFAULT_CONTACT_RADIUS_M
+    if 'radius_m' in found:
+        radius = found['radius_m'].number(above=0.0, maximum=largest)
     curvature = None
     if 'curvature_radius_m' in found:
         if kind == 'pin':

@@ -40,6 +40,7 @@ class PreparedScan:
     Attributes:
         fit: the control mesh and its distances from the scan.
         points: (q, 3) scan points that were fitted [m].
+        scan: the scan smoothed and thinned, with its holes.
         report: what was found and done, by name.
         slenderness: thickness over the smallest radius of curvature (95 % of the surface is
             less curved).
@@ -47,6 +48,7 @@ class PreparedScan:
 
     fit: ScanFit
     points: FloatArray
+    scan: CleanScan
     report: dict[str, int]
     slenderness: float
 
@@ -129,7 +131,7 @@ def prepare(
     wall = _vertex_walls(result.mesh.vertices, thickness)
     slenderness = _slenderness(result.mesh, wall)
     _refuse_folds(slenderness, wall)
-    return PreparedScan(result, first.vertices, report, slenderness)
+    return PreparedScan(result, first.vertices, scan, report, slenderness)
 
 
 def _refuse_folds(share: float, wall: FloatArray) -> None:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 STANDARD_ATMOSPHERE_PA = 101_325.0
 DEFAULT_CONTROL_VERTICES = 640
+DEFAULT_CONTACT_RADIUS_M = 0.001
 
 
 class ObjectError(ValueError):
@@ -86,7 +87,7 @@ class MeshFile:
     """A triangle mesh from a file: the outer face, the middle surface, or the control mesh."""
 
     file: Path
-    unit: Literal['m', 'cm', 'mm', 'in']
+    unit: Literal['m', 'cm', 'mm', 'in', 'inch']
     face: Literal['outer', 'middle', 'control']
     kind: ClassVar[str] = 'mesh'
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from scan_compare.formats.raw import ScanFileError, triangles_from_polygons
+from grasp_common.formats.raw import ScanFileError, triangles_from_polygons
 
 PIECE = 2**18
 """Numbers, bytes or vertices that are gathered at once."""

@@ -10,7 +10,7 @@ import io
 
 import numpy as np
 
-from scan_compare.formats.raw import RawMesh, Rows, ScanFileError, chunks_of_lines
+from grasp_common.formats.raw import RawMesh, Rows, ScanFileError, chunks_of_lines
 
 LARGEST_HEADER = 2**14
 LARGEST_ELEMENTS = 2**16

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from scan_compare.formats.raw import ScanFileError
+from grasp_common.formats.raw import ScanFileError
 
 LARGEST_HEADER = 2**16
 

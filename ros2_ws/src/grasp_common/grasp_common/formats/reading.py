@@ -7,15 +7,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from scan_compare.formats.envelope import opened
-from scan_compare.formats.obj import read_obj
-from scan_compare.formats.off import read_off
-from scan_compare.formats.pcd import read_pcd
-from scan_compare.formats.ply import read_ply
-from scan_compare.formats.raw import RawMesh, ScanFileError
-from scan_compare.formats.stl import read_stl
-from scan_compare.formats.table import read_table
-from scan_compare.formats.vrml import read_vrml
+from grasp_common.formats.envelope import opened
+from grasp_common.formats.obj import read_obj
+from grasp_common.formats.off import read_off
+from grasp_common.formats.pcd import read_pcd
+from grasp_common.formats.ply import read_ply
+from grasp_common.formats.raw import RawMesh, ScanFileError
+from grasp_common.formats.stl import read_stl
+from grasp_common.formats.table import read_table
+from grasp_common.formats.vrml import read_vrml
 
 Reader = Callable[[bytes], RawMesh]
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from scan_compare.formats.raw import (
+from grasp_common.formats.raw import (
     RawMesh,
     Rows,
     ScanFileError,

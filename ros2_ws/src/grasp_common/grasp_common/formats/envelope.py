@@ -9,7 +9,7 @@ import codecs
 import re
 import zlib
 
-from scan_compare.formats.raw import ScanFileError
+from grasp_common.formats.raw import ScanFileError
 
 GZIP = b'\x1f\x8b'
 LARGEST_EXPANSION = 64

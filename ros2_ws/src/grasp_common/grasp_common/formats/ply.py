@@ -9,9 +9,9 @@ from itertools import islice
 
 import numpy as np
 
-from scan_compare.formats.ply_header import Element, missing, read_header
-from scan_compare.formats.ply_polygons import LARGEST_LIST, PIECE, POLYGONS, integers, list_length
-from scan_compare.formats.raw import (
+from grasp_common.formats.ply_header import Element, missing, read_header
+from grasp_common.formats.ply_polygons import LARGEST_LIST, PIECE, POLYGONS, integers, list_length
+from grasp_common.formats.raw import (
     CHUNK_FACES,
     RawMesh,
     Rows,

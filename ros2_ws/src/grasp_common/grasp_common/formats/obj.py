@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from scan_compare.formats.raw import (
+from grasp_common.formats.raw import (
     RawMesh,
     Rows,
     ScanFileError,

@@ -9,7 +9,7 @@ neither VRML, PCD, coloured OFF nor gzip. Here nothing is allocated on the word 
 trimesh and meshio serve as the oracles of the tests.
 """
 
-from scan_compare.formats.raw import RawMesh, ScanFileError
-from scan_compare.formats.reading import FORMATS, parse_mesh, read_mesh_file
+from grasp_common.formats.raw import RawMesh, ScanFileError
+from grasp_common.formats.reading import FORMATS, parse_mesh, read_mesh_file
 
 __all__ = ['FORMATS', 'RawMesh', 'ScanFileError', 'parse_mesh', 'read_mesh_file']

@@ -75,7 +75,7 @@ class _LinearLoop:
 
     def __init__(self, shell: TheorySet) -> None:
         self._model = shell.model
-        self._tracker = ContactTracker(self._model)
+        self._tracker = ContactTracker(self._model, self._model.rest)
         self._koiter = EquilibriumTracker(self._model)
         self._linear = EquilibriumTracker(shell.models['linear'])
         self._loads: SmallLoads | None = None

@@ -59,7 +59,7 @@ class TheorySet:
 
     def patches(self, contacts: HeldContacts) -> tuple[ContactPatch, ...]:
         """The patches that the fingers press, laid on the shell at rest."""
-        tracker = ContactTracker(self.model)
+        tracker = ContactTracker(self.model, self.model.rest)
         tracker.update(contacts.touches(), self.model.rest)
         return tracker.patches
 

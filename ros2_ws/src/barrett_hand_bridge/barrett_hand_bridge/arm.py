@@ -15,6 +15,8 @@ import numpy as np
 
 from barrett_hand_bridge.kinematics import Array
 
+FARTHEST_M = 1000.0
+
 
 class ArmError(ValueError):
     """A pose or a set of joints that cannot be used; the message says which."""
@@ -51,6 +53,10 @@ def scara_flange(lengths: ScaraLengths, joints: Sequence[float]) -> Pose:
     """
     if len(joints) != 4 or not all(math.isfinite(value) for value in joints):
         raise ArmError(f'arm joints {list(joints)}: expected four finite numbers')
+    if abs(joints[2]) > FARTHEST_M:
+        raise ArmError(
+            f'arm joint 3 at {joints[2]} m lies beyond the {FARTHEST_M:g} m of any cell'
+        )
     first, second, down, last = joints
     elbow = first + second
     position = np.array(
@@ -110,6 +116,8 @@ def pose_from_numbers(numbers: Sequence[float]) -> Pose:
     """
     if len(numbers) != 7 or not all(math.isfinite(value) for value in numbers):
         raise ArmError(f'pose {list(numbers)}: expected seven finite numbers, x y z qx qy qz qw')
+    if max(abs(value) for value in numbers[:3]) > FARTHEST_M:
+        raise ArmError(f'pose {list(numbers[:3])} m lies beyond the {FARTHEST_M:g} m of any cell')
     return Pose(np.asarray(numbers[:3], dtype=float), rotation_matrix(numbers[3:]))
 
 

@@ -33,8 +33,12 @@ def nanoseconds(stamp: Time) -> int:
 
 
 def time_message(stamp_ns: int) -> Time:
-    """Nanoseconds as a ROS time."""
-    return Time(sec=int(stamp_ns // 1_000_000_000), nanosec=int(stamp_ns % 1_000_000_000))
+    """Nanoseconds as a ROS time; what it cannot hold becomes its earliest or latest second.
+
+    Such times come from other messages, whose nanoseconds may be more than a second.
+    """
+    seconds, rest = divmod(int(stamp_ns), 1_000_000_000)
+    return Time(sec=min(max(seconds, -(2**31)), 2**31 - 1), nanosec=rest)
 
 
 def header(stamp_ns: int, frame: str = '') -> Header:

@@ -53,3 +53,10 @@ def test_a_descriptor_has_the_range_of_its_type(
 def test_a_start_only_parameter_is_read_only() -> None:
     assert messages.descriptor(Parameter('p', 1, 'a thing', settable='start')).read_only
     assert not messages.descriptor(Parameter('p', 1, 'a thing', settable='configure')).read_only
+
+
+@pytest.mark.parametrize('seconds', [-(2**31) - 1, 2**31 - 1, 2**31 + 4])
+def test_a_time_that_no_message_holds_becomes_the_nearest_second(seconds):
+    made = messages.time_message(seconds * 1_000_000_000 + 5)
+    assert made.sec == min(max(seconds, -(2**31)), 2**31 - 1)
+    assert made.nanosec == 5

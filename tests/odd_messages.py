@@ -1,0 +1,156 @@
+"""Messages of any type with anything in them: extremes, contradictions, clouds nearly right."""
+
+from __future__ import annotations
+
+import array
+import math
+import re
+from typing import Any
+
+import numpy as np
+from rosidl_parser.definition import BasicType, NamespacedType, UnboundedSequence
+from sensor_msgs.msg import PointCloud2, PointField
+
+NUMBERS = (0.0, -0.0, 1.0, -1.0, 1e-300, 1e30, -1e30, 1e300, math.nan, math.inf, -math.inf, 5e-324)
+TEXTS = ('', 'x', 'hand_base', '\x1b]0;owned\x07', '/../..', 'a' * 5000, '\u202e', "'; rm", '%s%n')
+RANGES = {
+    'uint8': (0, 2**8 - 1), 'int8': (-(2**7), 2**7 - 1), 'octet': (0, 2**8 - 1),
+    'uint16': (0, 2**16 - 1), 'int16': (-(2**15), 2**15 - 1),
+    'uint32': (0, 2**32 - 1), 'int32': (-(2**31), 2**31 - 1),
+    'uint64': (0, 2**64 - 1), 'int64': (-(2**63), 2**63 - 1),
+}  # fmt: skip
+CONTACT_FIELDS = (
+    *'xyz', 'nx', 'ny', 'nz', 'fx', 'fy', 'fz', 'sigma_n', 'radius', 'sigma_t', 'travel',
+    'sigma_travel',
+)  # fmt: skip
+
+
+class OddMessages:
+    """Makes messages; the seed fixes all of them."""
+
+    def __init__(self, seed: int) -> None:
+        self._random = np.random.default_rng(seed)
+
+    def pick(self, choices: Any) -> Any:
+        """One of several."""
+        return choices[int(self._random.integers(len(choices)))]
+
+    def message(self, kind: type) -> Any:
+        """A message of a type; half of the clouds are contacts with something wrong in them."""
+        if kind is PointCloud2 and self._random.random() < 0.7:
+            return self._cloud()
+        made = kind()
+        for name, slot in zip(kind.get_fields_and_field_types(), kind.SLOT_TYPES, strict=True):
+            self._fill(made, name, slot)
+        return made
+
+    def number(self) -> float:
+        """An extreme number, or a plain one."""
+        if self._random.random() < 0.5:
+            return float(self.pick(NUMBERS))
+        return float(self._random.normal() * 10.0 ** self._random.integers(-3, 3))
+
+    def whole(self, kind: str) -> int:
+        """A whole number of a type: an end of its range, or a small one."""
+        low, high = RANGES[kind]
+        return int(self.pick((low, high, 0, 1, high // 2, int(self._random.integers(0, 100)))))
+
+    def _fill(self, made: Any, name: str, slot: Any) -> None:
+        if isinstance(slot, NamespacedType):
+            inner = getattr(made, name)
+            for part, part_slot in zip(
+                inner.get_fields_and_field_types(), inner.SLOT_TYPES, strict=True
+            ):
+                self._fill(inner, part, part_slot)
+        elif isinstance(slot, UnboundedSequence):
+            setattr(made, name, self._sequence(made, name, slot.value_type))
+        elif isinstance(slot, BasicType):
+            setattr(made, name, self._basic(slot.typename))
+        elif type(getattr(made, name)) is str:
+            setattr(made, name, str(self.pick(TEXTS)))
+
+    def _basic(self, kind: str) -> Any:
+        if kind in ('float', 'double'):
+            value = self.number()
+            return value if kind == 'double' or not abs(value) > 3e38 else math.inf
+        if kind == 'boolean':
+            return bool(self._random.integers(2))
+        return self.whole(kind)
+
+    def _sequence(self, made: Any, name: str, item: Any) -> Any:
+        count = int(self.pick((0, 1, 2, 3, 7)))
+        if isinstance(item, BasicType):
+            held = getattr(made, name)
+            if isinstance(held, array.array):
+                if held.typecode == 'B':
+                    return array.array('B', self._random.bytes(int(self._random.integers(0, 300))))
+                return array.array(
+                    held.typecode, [self._basic(item.typename) for _ in range(count)]
+                )
+            return [self._basic(item.typename) for _ in range(count)]
+        if isinstance(item, NamespacedType):
+            kind = _class_of(made, name)
+            return [self.message(kind) for _ in range(count)]
+        return [str(self.pick(TEXTS)) for _ in range(count)]
+
+    def _cloud(self) -> PointCloud2:
+        """Contacts, or a scan, of which one thing is wrong."""
+        count = int(self.pick((0, 1, 2, 3, 50)))
+        names = [*CONTACT_FIELDS, 'finger', 'flags', 'distance', 'ux', 'uy', 'uz']
+        kinds = [('u1' if name in ('finger', 'flags') else '<f4') for name in names]
+        rows = np.zeros(count, list(zip(names, kinds, strict=True)))
+        rows['x'], rows['nx'], rows['fx'] = -0.0325, 1.0, 5.0
+        rows['finger'], rows['flags'] = np.arange(count) % 3 + 1, 1
+        rows['radius'], rows['sigma_n'], rows['sigma_t'] = 1e-3, 0.05, np.inf
+        fields = [
+            PointField(
+                name=name, offset=int(rows.dtype.fields[name][1]), count=1,
+                datatype=PointField.UINT8 if kind == 'u1' else PointField.FLOAT32,
+            )
+            for name, kind in zip(names, kinds, strict=True)
+        ]  # fmt: skip
+        cloud = PointCloud2(
+            height=1, width=count, fields=fields, point_step=rows.dtype.itemsize,
+            row_step=rows.dtype.itemsize * count,
+        )  # fmt: skip
+        cloud.header.frame_id = 'hand_base'
+        cloud.header.stamp.sec = int(self._random.integers(1, 2**31 - 1))
+        for _ in range(int(self._random.integers(1, 4))):
+            self._spoil(cloud, rows)
+        cloud.data = array.array('B', rows.tobytes()[: int(self.pick((10**6, 10**6, 0, 37)))])
+        return cloud
+
+    def _spoil(self, cloud: PointCloud2, rows: Any) -> None:
+        what = int(self._random.integers(8))
+        if what == 0 and len(rows):
+            with np.errstate(over='ignore'):
+                rows[self.pick(CONTACT_FIELDS)][int(self._random.integers(len(rows)))] = (
+                    self.number()
+                )
+        elif what == 1:
+            setattr(cloud, self.pick(('height', 'width', 'point_step', 'row_step')),
+                    self.whole('uint32'))  # fmt: skip
+        elif what == 2:
+            one = self.pick(cloud.fields) if cloud.fields else PointField()
+            one.datatype, one.count = self.whole('uint8'), self.whole('uint32')
+        elif what == 3:
+            cloud.fields = [*cloud.fields, *(PointField(name=self.pick(TEXTS)) for _ in range(2))]
+        elif what == 4:
+            cloud.fields = [one for one in cloud.fields if self._random.random() < 0.9]
+        elif what == 5:
+            cloud.header.stamp.sec = self.whole('int32')
+            cloud.header.stamp.nanosec = self.whole('uint32')
+        elif what == 6:
+            cloud.header.frame_id = str(self.pick(TEXTS))
+        else:
+            cloud.is_bigendian = True
+
+
+def _class_of(made: Any, name: str) -> type:
+    """The message class that a sequence of another one holds."""
+    import importlib
+
+    text = made.get_fields_and_field_types()[name]
+    found = re.fullmatch(r'sequence<([\w]+)/([\w]+)>', text)
+    assert found is not None, text
+    return getattr(importlib.import_module(f'{found.group(1)}.msg'), found.group(2))

@@ -1,0 +1,163 @@
+"""Nothing that arrives on a topic or a parameter ends a node, hangs it, or makes it say nonsense.
+
+`make test` sends hundreds of generated messages to every topic of every node, `make soak` 10^5.
+"""
+
+import importlib
+import os
+import time
+
+import numpy as np
+import pytest
+import rclpy
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import PointCloud2
+from tests.odd_messages import NUMBERS, TEXTS, OddMessages
+
+SOAK = bool(os.environ.get('SOAK'))
+MESSAGES = 4_000 if SOAK else 60
+PATIENCE_S = 20.0
+# What every node listens to by itself, and what only a player of bags sends.
+NOT_OURS = ('/parameter_events', '/clock')
+NODES = {
+    'deformation': ((), 'serving'),
+    'hand_bridge': (('backend:=emulator', 'arm:=pose'), 'connected'),
+    'scan_compare': (('object:=tennis_ball',), ''),
+    'grasp_view': (('port:=8973',), 'page ready'),
+}
+
+
+class Sender:
+    """A node of the test that sends what a node listens to, and hears what it answers."""
+
+    def __init__(self, wait_until):
+        rclpy.init()
+        self.node = rclpy.create_node('sender')
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.wait_until = wait_until
+        self.not_finite = []
+
+    def hear_surfaces(self):
+        """Keep every answer that is not finite."""
+        self.node.create_subscription(
+            PointCloud2, 'deformation/surface', self._hear, qos_profile_sensor_data
+        )
+
+    def _hear(self, cloud):
+        if not np.isfinite(np.frombuffer(cloud.data, np.float32)).all():
+            self.not_finite.append(cloud)
+
+    def spin(self, seconds=0.0):
+        end = time.monotonic() + seconds
+        self.executor.spin_once(timeout_sec=0.0)
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.01)
+
+    def until(self, condition, timeout=PATIENCE_S, message=lambda: 'not in time'):
+        def turn():
+            self.spin(0.02)
+            return condition()
+
+        self.wait_until(turn, timeout, message)
+
+    def topics(self, name):
+        """Publishers to everything that a node listens to, with the type of each."""
+        found = {}
+        if name not in self.node.get_node_names():
+            return found
+        for topic, kinds in self.node.get_subscriber_names_and_types_by_node(name, '/'):
+            package, _, kind = kinds[0].split('/')
+            if topic not in NOT_OURS and not topic.endswith('/_action/feedback'):
+                made = getattr(importlib.import_module(f'{package}.msg'), kind)
+                found[topic] = self.node.create_publisher(made, topic, QoSProfile(depth=50)), made
+        return found
+
+    def answers(self, name):
+        """Whether a node answers a question about itself."""
+        client = self.node.create_client(GetParameters, f'/{name}/get_parameters')
+        self.until(client.service_is_ready)
+        future = client.call_async(GetParameters.Request(names=['use_sim_time']))
+        self.until(future.done, message=lambda: f'{name} does not answer')
+        self.node.destroy_client(client)
+
+    def set(self, name, parameter, value):
+        """Set a parameter to whatever it is; says whether it was accepted."""
+        client = self.node.create_client(SetParameters, f'/{name}/set_parameters')
+        self.until(client.service_is_ready)
+        request = SetParameters.Request(
+            parameters=[Parameter(parameter, value=value).to_parameter_msg()]
+        )
+        future = client.call_async(request)
+        self.until(future.done, 60.0, lambda: f'{name} hangs on {parameter} = {value!r}')
+        self.node.destroy_client(client)
+        return future.result().results[0].successful
+
+    def end(self):
+        self.executor.remove_node(self.node)
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def sender(domain_id, wait_until):
+    sender = Sender(wait_until)
+    yield sender
+    sender.end()
+
+
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize('name', sorted(NODES))
+def test_no_message_ends_a_node_or_makes_it_say_nonsense(start, sender, name):
+    parameters, ready = NODES[name]
+    arguments = [word for parameter in parameters for word in ('-p', parameter)]
+    node = start(name, '--ros-args', *arguments)
+    if ready:
+        node.wait_for(ready, 120.0)
+    sender.until(lambda: sender.topics(name), 60.0)
+    topics = sender.topics(name)
+    if name == 'deformation':
+        sender.hear_surfaces()
+    odd = OddMessages(sorted(NODES).index(name))
+    for number in range(MESSAGES):
+        for topic, (publisher, kind) in topics.items():
+            message = odd.message(kind)
+            publisher.publish(message)
+            sender.spin()
+            assert node.process.poll() is None, f'{topic}: {str(message)[:2000]}\n{node.text}'
+        if number % 50 == 0:
+            sender.answers(name)
+    sender.answers(name)
+    sender.answers(name)
+    assert node.process.poll() is None, node.text
+    assert 'Traceback' not in node.text, node.text
+    assert sender.not_finite == []
+    assert '\x1b]0;' not in node.text
+
+
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize('name', ['deformation', 'hand_bridge'])
+def test_no_parameter_ends_a_node(start, sender, name):
+    parameters = importlib.import_module(
+        'shell_deform.node.parameters'
+        if name == 'deformation'
+        else 'barrett_hand_bridge.parameters'
+    ).PARAMETERS
+    given, ready = NODES[name]
+    arguments = [word for parameter in given for word in ('-p', parameter)]
+    node = start(name, '--ros-args', *arguments)
+    node.wait_for(ready, 120.0)
+    odd = OddMessages(7)
+    for parameter in parameters:
+        values = list(NUMBERS) if isinstance(parameter.default, float) else []
+        values += [-1, 2**62] if isinstance(parameter.default, int) else []
+        values += list(TEXTS) if isinstance(parameter.default, str) else []
+        values += [[float('nan')] * 7, [1e300] * 3] if isinstance(parameter.default, list) else []
+        for value in values if SOAK else [odd.pick(values)] if values else []:
+            sender.set(name, parameter.name, value)
+            assert node.process.poll() is None, f'{parameter.name} = {value!r}\n{node.text}'
+    sender.answers(name)
+    assert 'Traceback' not in node.text, node.text

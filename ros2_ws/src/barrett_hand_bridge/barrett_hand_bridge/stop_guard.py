@@ -3,17 +3,23 @@
 It waits on a pipe from the bridge. A word of farewell means that all is well; an end without it
 means that the bridge was killed, and the guard then stops the motors: Ctrl-C on the serial line
 (whose open port it inherits), all motors idle on the CAN bus (which it opens only then). A guard
-that dies itself is started again by whoever asks for it (`watch`).
+that dies itself, or no longer answers, is replaced by whoever asks for it (`watch`).
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
+import select
 import subprocess
 import sys
 from collections.abc import Sequence
 
 FAREWELL = b'done'
+CALL = b'.'
+# So many calls in a row without an answer, and it hangs.
+MOST_UNANSWERED = 3
+MOST_WHILE_IT_STARTS = 80
 STOP_SERIAL = b'\x03'
 
 
@@ -24,24 +30,47 @@ class StopGuard:
         """Start it; `inherited` file descriptors stay open in it."""
         self._arguments = arguments
         self._inherited = inherited
+        self._unanswered, self._spoke = 0, False
         self._process = self._started()
 
     def _started(self) -> subprocess.Popen[bytes]:
         return subprocess.Popen(
             [sys.executable, '-m', 'barrett_hand_bridge.stop_guard', *self._arguments],
             stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
             pass_fds=self._inherited,
             start_new_session=True,
         )
 
     def watch(self) -> bool:
-        """Start it again if it is gone; returns whether it was."""
-        if self._process.poll() is None:
+        """Call it; start another one if it is gone or hangs. Returns whether that was so."""
+        if self._process.poll() is None and self._answers():
             return False
-        if self._process.stdin is not None:
-            self._process.stdin.close()
+        self._process.kill()
+        self._process.wait()
+        self._let_go()
+        self._unanswered, self._spoke = 0, False
         self._process = self._started()
         return True
+
+    def _answers(self) -> bool:
+        """Whether it has answered one of the last calls; calls it again."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        if select.select([self._process.stdout], [], [], 0.0)[0]:
+            os.read(self._process.stdout.fileno(), 64)
+            self._unanswered, self._spoke = 0, True
+        self._unanswered += 1
+        try:
+            os.write(self._process.stdin.fileno(), CALL)
+        except OSError:
+            return False
+        return self._unanswered <= (MOST_UNANSWERED if self._spoke else MOST_WHILE_IT_STARTS)
+
+    def _let_go(self) -> None:
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                with contextlib.suppress(OSError):
+                    stream.close()
 
     def dismiss(self) -> None:
         """The bridge has stopped the hand itself: the guard leaves without a word."""
@@ -53,6 +82,8 @@ class StopGuard:
         except (OSError, subprocess.TimeoutExpired):
             self._process.kill()
             self._process.wait()
+        finally:
+            self._let_go()
 
 
 def guard_serial(descriptor: int) -> StopGuard:
@@ -69,7 +100,12 @@ def guard_can(
 
 def main(arguments: list[str]) -> int:
     """Wait for the end of the bridge; returns the exit code."""
-    if sys.stdin.buffer.read() == FAREWELL:
+    heard = b''
+    while said := os.read(sys.stdin.fileno(), 64):
+        heard = (heard + said)[-len(FAREWELL) :]
+        with contextlib.suppress(OSError):
+            os.write(sys.stdout.fileno(), CALL)
+    if heard == FAREWELL:
         return 0
     if arguments[0] == 'serial':
         os.write(int(arguments[1]), STOP_SERIAL)

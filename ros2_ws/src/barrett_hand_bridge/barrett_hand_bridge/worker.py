@@ -34,7 +34,7 @@ COMMAND_PERIOD_S = 0.02
 # So many cycles in a row may be disturbed before the link counts as lost.
 MOST_DISTURBANCES = 3
 # How often the stop guard is looked after, and how much cooler a hot hand must get.
-GUARD_PERIOD_S = 0.5
+GUARD_PERIOD_S = 0.25
 COOLER_C = 5.0
 
 

@@ -447,7 +447,10 @@ def test_the_calibration_of_another_hand_is_refused(start, calibration):
 
 
 @pytest.mark.timeout(180)
-def test_a_stop_guard_that_is_killed_is_started_again_and_told_of(start, listener, calibration):
+@pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGSTOP])
+def test_a_stop_guard_that_dies_or_hangs_is_replaced_and_told_of(
+    start, listener, calibration, how
+):
     port, _ = emulated(start, '--unpaced')
     node = bridge(
         start, f'port:={port}', f'calibration:={calibration}', 'initialize_on_start:=true'
@@ -457,13 +460,14 @@ def test_a_stop_guard_that_is_killed_is_started_again_and_told_of(start, listene
     assert 'call hand/initialize' not in node.text
     first = children(node.process.pid, 'stop_guard')
     assert len(first) == 1
-    os.kill(first[0], signal.SIGKILL)
+    os.kill(first[0], how)
 
     def restarted():
         status = listener.status()
         return status and status[2]['stop guard restarted (times)'] == '1'
 
-    listener.until(restarted, 10.0)
+    # A guard that was stopped before it had answered once gets longer.
+    listener.until(restarted, 40.0)
     second = children(node.process.pid, 'stop_guard')
     assert len(second) == 1 and second != first
 

@@ -12,7 +12,7 @@ from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import ColorRGBA, String
 from visualization_msgs.msg import Marker
 
-from grasp_common.messages import header, point_fields
+from grasp_common.messages import header, point_fields, time_message
 from shell_deform.live.pose import Pose, pose_of
 from shell_deform.live.tick.serve_kernel import FIELDS
 
@@ -58,8 +58,7 @@ class SurfaceWriter:
         """The message for one packed field; valid until the next call."""
         message = self._message
         header = message.header
-        header.stamp.sec = int(stamp_ns // 1_000_000_000)
-        header.stamp.nanosec = int(stamp_ns % 1_000_000_000)
+        header.stamp = time_message(stamp_ns)
         header.frame_id = frame
         data = array('B')
         data.frombytes(packed.data.cast('B'))

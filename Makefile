@@ -13,7 +13,7 @@ SOURCES := $(addprefix ros2_ws/src/,$(PACKAGES))
 EDITABLE := $(addprefix -e ./,$(SOURCES))
 SETUPS := $(addsuffix /setup.py,$(SOURCES))
 
-.PHONY: help setup demo test test-cell soak bench bench-peers bags pictures tables lock lint clean
+.PHONY: help setup demo test test-cell soak bench bench-peers bags pictures tables docs lock lint clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 20
@@ -64,6 +64,9 @@ pictures: setup  ## the pictures of README and docs again
 tables: setup  ## the parameter tables of the package READMEs and the picture of the rooms again
 	@$(BIN)/python -m docs.parameter_tables
 	@$(BIN)/python -m docs.rooms
+
+docs: setup  ## the documentation site in out/site, with a reference from the docstrings
+	@$(BIN)/python -m docs.site
 
 lock:  ## compile the locked requirements again (needs uv)
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-emit-find-links --no-header requirements/requirements.in -o requirements/lock.txt

@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 from tests.chromium import chromium, installed, new_tab
+from tests.executables import executable
 
 # A busy machine must not fail an example for its time.
 settings.register_profile('untimed', deadline=None)
@@ -130,11 +131,11 @@ def start(domain_id: int, tmp_path: Path) -> Iterator[Callable[..., Running]]:
     """Start an executable of the environment by name, on the test's own ROS domain."""
     started: list[Running] = []
 
-    def run(executable: str, *arguments: object, **environment: str) -> Running:
-        log = tmp_path / f'{executable}_{len(started)}.log'
+    def run(name: str, *arguments: object, **environment: str) -> Running:
+        log = tmp_path / f'{name}_{len(started)}.log'
         with log.open('wb') as stream:
             process = subprocess.Popen(
-                [str(Path(sys.executable).parent / executable), *map(str, arguments)],
+                [executable(name), *map(str, arguments)],
                 stdout=stream,
                 stderr=subprocess.STDOUT,
                 stdin=subprocess.DEVNULL,

@@ -68,6 +68,14 @@ def build(base, sources, *options):
     assert built.returncode == 0, built.stdout + built.stderr
 
 
+def colcon(*arguments):
+    """What colcon says to these arguments."""
+    return subprocess.run(
+        [sys.executable, '-m', 'colcon', *map(str, arguments)],
+        capture_output=True, text=True, timeout=390, check=False,
+    )  # fmt: skip
+
+
 @pytest.fixture(scope='module')
 def install(tmp_path_factory):
     """The workspace built by colcon, as on a cell, but outside the source tree."""
@@ -126,3 +134,17 @@ def test_the_first_use_of_a_symlinked_workspace_finds_its_kernels_compiled(tmp_p
     place, complete = first.stdout.split()
     assert Path(place).resolve().is_relative_to(tmp_path / 'src')
     assert (complete, first.stderr) == ('True', '')
+
+
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize('package', ['grasp_common', 'grasp_view'])
+def test_colcon_test_finds_the_executables_of_the_built_workspace(install, package):
+    base = install.parent
+    asked = ['--log-base', base / 'log', 'test', '--base-paths', ROOT / 'ros2_ws' / 'src']
+    asked += ['--build-base', base / 'build', '--install-base', install]
+    asked += ['--packages-select', package, '--return-code-on-test-failure']
+    chosen = 'test_view_start' if package == 'grasp_view' else 'command_line or main_node'
+    tested = colcon(*asked, '--pytest-args', '-k', chosen, '-p', 'no:cacheprovider')
+    result = colcon('test-result', '--test-result-base', base / 'build' / package, '--verbose')
+    assert tested.returncode == 0, tested.stdout + tested.stderr + result.stdout
+    assert ' 0 errors, 0 failures' in result.stdout and ' 0 tests' not in result.stdout

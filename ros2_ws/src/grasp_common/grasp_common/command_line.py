@@ -13,7 +13,6 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 
 from grasp_common.terminal import complain
 
@@ -33,6 +32,9 @@ ROS = ('rclpy', 'rosgraph_msgs', 'rpyutils', 'rcl_interfaces', 'builtin_interfac
 
 def version_of(package: str) -> str:
     """The version of an installed package, from its metadata."""
+    # Reading metadata takes longer than a usage text may.
+    from importlib.metadata import PackageNotFoundError, version
+
     try:
         return version(package)
     except PackageNotFoundError:
@@ -69,15 +71,20 @@ def command(name: str, module: str) -> Main:
     return main
 
 
+class _Version(argparse.Action):
+    """Prints program and version; `const` is the package."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(f'{parser.prog} {version_of(str(self.const))}')
+        parser.exit()
+
+
 def parse(
     package: str, parser: argparse.ArgumentParser, arguments: Sequence[str] | None = None
 ) -> argparse.Namespace:
     """Parse the arguments of a command of `package`; complete them where a shell asks for it."""
     parser.add_argument(
-        '--version',
-        action='version',
-        version=f'{parser.prog} {version_of(package)}',
-        help='print the version and exit',
+        '--version', action=_Version, nargs=0, const=package, help='print the version and exit'
     )
     if '_ARGCOMPLETE' in os.environ:
         import argcomplete

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.executables import executable
 
 from grasp_view.scene_model import Mesh
 from grasp_view.what_if import (
@@ -100,7 +100,7 @@ def test_an_open_object_gets_no_pressure() -> None:
 
 
 def test_a_variant_of_every_shipped_object_is_an_object_file(tmp_path: Path) -> None:
-    program = str(Path(sys.executable).parent / 'shell_objects')
+    program = executable('shell_objects')
     listed = subprocess.run([program, '--json'], capture_output=True, check=True, timeout=60)
     for described in json.loads(listed.stdout)['objects']:
         path = tmp_path / f'{described["name"]}.yaml'

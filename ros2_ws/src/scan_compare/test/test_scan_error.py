@@ -5,13 +5,13 @@ from __future__ import annotations
 import csv
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 from scan_shells import scan_points, shell, two_dents
+from tests.executables import executable
 
 from scan_compare.commands.scan_error import main
 from scan_compare.model_file import surface_of_object
@@ -162,7 +162,7 @@ def test_wrong_arguments_exit_with_code_two(arguments: list[str]) -> None:
 
 
 def test_the_installed_command_prints_its_help() -> None:
-    command = Path(sys.executable).parent / 'scan_error'
+    command = executable('scan_error')
     shown = subprocess.run([command, '--help'], capture_output=True, text=True, timeout=60)
     assert shown.returncode == 0
     assert '[m]' in shown.stdout

@@ -7,7 +7,6 @@ come last.
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -18,6 +17,7 @@ import yaml
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
+from tests.executables import executable
 
 from shell_deform.building import build_model
 from shell_deform.identify.force_curve import ForceCurve
@@ -30,7 +30,7 @@ from shell_deform.solve.newton import EquilibriumSolver
 STEP = 10_000_000
 PATIENCE = 60.0
 OUTWARD = np.array([1.0, 0.0, 0.0])
-EXECUTABLE = str(Path(sys.executable).parent / 'deformation')
+EXECUTABLE = executable('deformation')
 CONFIGURATION = Path(__file__).parents[1] / 'config' / 'deformation.yaml'
 
 

@@ -49,8 +49,11 @@ def missing(error: ModuleNotFoundError) -> str:
     return f'{module} is missing: pip install {DISTRIBUTIONS.get(module, module)}'
 
 
-def command(name: str, module: str) -> Main:
-    """The function that a console script runs: `main` of the module, found when it is called."""
+def command(name: str, module: str, usage: str = '') -> Main:
+    """The function that a console script runs: `main` of the module, found when it is called.
+
+    `usage`: a module whose `usage()` is the usage text of a node; no ROS is loaded for that.
+    """
     package = module.partition('.')[0]
 
     def main(arguments: Sequence[str] | None = None) -> int:
@@ -61,6 +64,9 @@ def command(name: str, module: str) -> Main:
         # Nothing is open while modules are imported: a signal may end it as it stands.
         before = signal.signal(signal.SIGINT, signal.SIG_DFL)
         try:
+            if usage and {'-h', '--help'} & set(given):
+                print(import_module(usage).usage())
+                return 0
             run: Main = import_module(module).main
             signal.signal(signal.SIGINT, before)
             return run(given)

@@ -5,4 +5,4 @@ from __future__ import annotations
 
 from grasp_common.command_line import command
 
-grasp_view = command('grasp_view', 'grasp_view.grasp_view_node')
+grasp_view = command('grasp_view', 'grasp_view.grasp_view_node', usage='grasp_view.parameters')

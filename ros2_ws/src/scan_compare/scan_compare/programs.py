@@ -5,5 +5,7 @@ from __future__ import annotations
 
 from grasp_common.command_line import command
 
-scan_compare = command('scan_compare', 'scan_compare.scan_compare_node')
+scan_compare = command(
+    'scan_compare', 'scan_compare.scan_compare_node', usage='scan_compare.parameters'
+)
 scan_error = command('scan_error', 'scan_compare.commands.scan_error')

@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from barrett_hand_bridge.calibration import (
     NO_GAUGE,
@@ -14,10 +15,12 @@ from barrett_hand_bridge.calibration import (
     HandCalibration,
     write_calibration,
 )
-from barrett_hand_bridge.fit import GaugeFit, fit_hand, read_weighings
 from barrett_hand_bridge.hand import FINGERS
 from grasp_common.command_line import parse
 from grasp_common.terminal import complain
+
+if TYPE_CHECKING:
+    from barrett_hand_bridge.fit import GaugeFit
 
 
 def parser() -> argparse.ArgumentParser:
@@ -48,6 +51,8 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fit and write; returns the exit code."""
     options = parse('barrett_hand_bridge', parser(), arguments)
+    from barrett_hand_bridge.fit import fit_hand, read_weighings  # not for a usage text: scipy
+
     try:
         fits = fit_hand(
             read_weighings(options.table),

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 from grasp_common.command_line import command
 
-deformation = command('deformation', 'shell_deform.commands.deformation')
+deformation = command(
+    'deformation', 'shell_deform.commands.deformation', usage='shell_deform.node.parameters'
+)
 shell_solve = command('shell_solve', 'shell_deform.commands.shell_solve')
 shell_verify = command('shell_verify', 'shell_deform.commands.shell_verify')
 shell_objects = command('shell_objects', 'shell_deform.commands.shell_objects')

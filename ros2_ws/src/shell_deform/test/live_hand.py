@@ -24,7 +24,14 @@ from shell_deform.live.tick.rehearsal import Rehearsal
 from shell_deform.live.tick.sample import FLAG_CONTACT, ContactSample
 
 SURE = ErrorModel(
-    drift=0.0, quantum=0.0, mounting=1e-7, slip=1e-7, modulus=1e-4, model=0.0, outside=1e-3
+    drift=0.0,
+    quantum=0.0,
+    mounting=1e-7,
+    slip=1e-7,
+    modulus=1e-4,
+    model=0.0,
+    outside=1e-3,
+    mesh=0.0,
 )
 
 FIELDS = [

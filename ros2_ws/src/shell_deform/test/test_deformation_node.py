@@ -72,14 +72,20 @@ def hand():
 
 @pytest.fixture(scope='module')
 def node(hand, tmp_path_factory):
-    running = Node(
-        tmp_path_factory.mktemp('deformation') / 'log', 'drive:=motion', 'background_niceness:=0'
-    )
+    log = tmp_path_factory.mktemp('deformation') / 'log'
+    # the mesh stays graded at the contacts of the object file, whose centres are vertices
+    running = serving(hand, log, 'follow_contacts:=false')
+    yield running
+    running.stop()
+
+
+def serving(hand, log, *assignments):
+    """A node that serves the ball and is heard."""
+    running = Node(log, 'drive:=motion', 'background_niceness:=0', *assignments)
     wait(hand, lambda: 'serving' in running.text)
     wait(hand, lambda: hand.contacts.get_subscription_count() > 0)
     wait(hand, lambda: hand.node.count_publishers('deformation/surface') > 0)
-    yield running
-    running.stop()
+    return running
 
 
 @pytest.fixture(autouse=True)
@@ -269,6 +275,11 @@ def test_a_fast_squeeze_is_served_within_its_own_sigma_and_settles_on_the_offlin
         assert np.all(error < 3.0 * served[:, 7] + 2e-5), told
 
 
+def stamp_of(message):
+    """Its stamp [ns]."""
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
 def distance(message, surface):
     """Distances (n,) [m] of the served vertices from those of an offline solution."""
     return np.linalg.norm(live_hand.packed(message)[:, :3] - surface, axis=1)
@@ -347,6 +358,7 @@ def test_a_stale_copy_with_the_stamp_of_its_sample_is_told(node, hand):
     start = hand.stream(squeezed(2e-3, 8.0), settled(hand, 2e-3))
     copy = squeezed(2e-3, 8.0)(start - 1)
     copy.flags[:] |= FLAG_STALE
+    wait(hand, lambda: hand.surfaces and stamp_of(hand.surfaces[-1]) == start * STEP)
     hand.clear()
     hand.send(copy)
     wait(hand, lambda: hand.state == 'STALE')
@@ -470,6 +482,35 @@ def test_interrupt_ends_node_and_background_process(node, hand):
     assert node.stop() == 0
     wait(hand, lambda: not os.path.exists(f'/proc/{worker}'))
     assert 'Traceback' not in node.text
+
+
+def test_the_mesh_follows_fingers_that_rest_where_it_is_coarse(node, hand, tmp_path):
+    node.stop()
+    outward = np.array([[0.0, 0.6, 0.8], [0.0, -0.6, -0.8]])
+    ball = load_object('tennis_ball')
+    truth = build_model(ball, refine_at=0.0325 * outward, refine_radius=1e-3)
+    pins = tuple(truth.contact(0.03125 * side, 1e-3) for side in outward)
+    state = EquilibriumSolver(truth).solve(displaced(pins, [6e-3, 6e-3]))
+    surface = truth.surface.limit_positions(state.positions)
+    running = serving(hand, tmp_path / 'log')
+
+    def held(i):
+        return live_hand.sample(
+            0.0325 * outward, -outward, state.force, [6e-3] * 2, stamp=(1 + i) * STEP
+        )
+
+    def followed():
+        if 'graded where the fingers are' not in running.text or not hand.nonlinear:
+            return False
+        now = live_hand.packed(hand.nonlinear[-1])[:, :3]
+        return now.shape == surface.shape and np.linalg.norm(now - surface, axis=1).max() < 5e-5
+
+    hand.stream(held, followed, rate=50.0)
+    depths = np.array([largest(m) for m in hand.surfaces])
+    assert depths[-1] == pytest.approx(6e-3, rel=5e-3)
+    # the vertices of the mesh before do not lie under the pins; beyond that nothing jumps
+    assert np.abs(np.diff(depths[len(depths) // 2 :])).max() < 8e-4
+    assert hand.diagnostics and running.stop() == 0
 
 
 def test_a_wrong_parameter_ends_the_start_with_one_sentence(hand, tmp_path):

@@ -26,7 +26,7 @@ def well():
     return Condition(
         state=LiveState.CONTACT,
         figures=Figures(),
-        link=SimpleNamespace(worker=worker, restarts=3, trouble=''),
+        link=SimpleNamespace(worker=worker, restarts=3, trouble='', processes=[os.getpid()]),
         estimator=SimpleNamespace(adopted=None),
         served=None,
         modulus=None,

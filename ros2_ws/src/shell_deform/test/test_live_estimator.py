@@ -101,7 +101,7 @@ def test_gauges_do_not_outvote_encoders_where_the_tangent_is_left_behind(model, 
     errors = {}
     for drive in ('motion', 'fused'):
         pipeline = live_hand.pipeline(
-            model, ErrorModel(drive=drive, mounting=1e-6, modulus=1e-3, model=0.0)
+            model, ErrorModel(drive=drive, mounting=1e-6, modulus=1e-3, model=0.0, mesh=0.0)
         )
         for depth in (2e-3, 2.5e-3):
             force, _ = truth.at(depth)
@@ -214,7 +214,7 @@ def test_a_third_finger_is_taken_up_and_dropped_again(model):
 
 def test_a_wrong_modulus_is_a_contradiction_between_force_and_motion(model, truth):
     force, _ = truth.at(4e-3)
-    sure = ErrorModel(drift=0.02, modulus=0.02, model=0.0)
+    sure = ErrorModel(drift=0.02, modulus=0.02, model=0.0, mesh=0.0)
     pipeline = live_hand.pipeline(model, sure)
     assert pipeline.settle(squeeze(force, 4e-3)).contradiction < 1.0
     pipeline = live_hand.pipeline(model, sure)
@@ -229,7 +229,9 @@ def test_force_alone_is_worse_than_both_beyond_five_millimetres(model, truth):
     measured = np.round((force + drift) / quantum) * quantum
     errors = {}
     for drive in ('force', 'fused'):
-        pipeline = live_hand.pipeline(model, ErrorModel(drive=drive, drift=drift, quantum=quantum))
+        pipeline = live_hand.pipeline(
+            model, ErrorModel(drive=drive, drift=drift, quantum=quantum, mesh=0.0)
+        )
         served = pipeline.settle(squeeze(measured, 7e-3 + 2e-5), rounds=4)
         errors[drive] = error(served.packed, surface)
     assert errors['fused'] < 0.5 * errors['force']
@@ -323,3 +325,23 @@ def test_flags_of_contact_are_what_counts(model):
     pipeline = live_hand.pipeline(model)
     served = pipeline.tick(squeeze([5.0, 5.0], 1e-3, flags=[FLAG_CONTACT, 0]))
     assert served.unknown == (1,)
+
+
+@pytest.mark.parametrize('start', [1e-3, 5e-3])
+def test_a_grasp_taken_up_from_the_shape_of_another_knows_how_wrong_its_first_steps_are(
+    model, truth, start
+):
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
+    force, _ = truth.at(start)
+    pipeline.settle(squeeze(force, start))
+    # time jumps to a lighter grasp of the same fingers
+    force, _ = truth.at(0.5e-3)
+    pipeline.estimator.forget()
+    pipeline.jump()
+    pipeline.tick(squeeze(force, 0.5e-3))
+    pipeline.refresh()
+    for depth in (1.5e-3, 3e-3):
+        force, surface = truth.at(depth)
+        served = pipeline.tick(squeeze(force, depth, stamp=3))
+        wrong = np.linalg.norm(served.packed[:, :3] - surface, axis=1)
+        assert (wrong < 3.0 * served.packed[:, 7] + 2e-5).all()

@@ -81,6 +81,8 @@ RESULT = np.dtype(
         ('axis', '<f8', (MAX_CONTACTS, 3)),
         ('lateral', '<f8', (2 * MAX_CONTACTS, 3)),
         ('anchor', '<f8', (MAX_CONTACTS, 3)),
+        ('place', '<f8', (MAX_CONTACTS, 3)),
+        ('coarseness', '<f8', MAX_CONTACTS),
         ('rigid', '<f8', MAX_RIGID),
         ('rigid_scale', '<f8'),
         ('reaction', '<f8', 2 * MAX_CONTACTS),

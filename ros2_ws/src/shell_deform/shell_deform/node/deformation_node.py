@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -28,12 +29,14 @@ from shell_deform.live.background.worker_link import (
     WorkerProcess,
     empty_request,
 )
+from shell_deform.live.exchange import Slot
 from shell_deform.live.pose import Pose, PoseError, pose_of
 from shell_deform.live.tick import diagnosis
 from shell_deform.live.tick.contact_cloud import ContactReader
 from shell_deform.live.tick.estimator import Estimator, Served
 from shell_deform.live.tick.first_touch import FirstTouch
 from shell_deform.live.tick.health import Arrival, Figures, process_age
+from shell_deform.live.tick.mesh_following import MeshFollower
 from shell_deform.live.tick.modulus import ModulusFilter
 from shell_deform.live.tick.sample import (
     FLAG_STALE,
@@ -73,6 +76,7 @@ class DeformationNode(Node):
         self.estimator: Estimator | None = None
         self.modulus: ModulusFilter | None = None
         self.watch = Watch()
+        self._follower = MeshFollower()
         self.figures = Figures()
         self.served: Served | None = None
         self.failure = ''
@@ -129,6 +133,7 @@ class DeformationNode(Node):
             self.estimator = None
             self.served = None
             self.failure = ''
+            self._follower.forget()
             self.link.rebuild(_build(values))
 
     def _configure(self, values: dict[str, Any]) -> None:
@@ -142,6 +147,7 @@ class DeformationNode(Node):
         self._parameter_pose = (
             pose_of(list(values['object_pose'])) if values['placement'] == 'given' else None
         )
+        self._follower.active = bool(values['follow_contacts'])
         self._patience = float(values['wait_for_take_up'])
         self._learns = bool(values['estimate_modulus'])
         self._given_frame = str(values['frame'])
@@ -255,6 +261,11 @@ class DeformationNode(Node):
         record['resets'] = self._resets
         record['jumps'] = self._jumps
         self.link.worker.post(self._request)
+        if self.link.candidate is not None:
+            # It knows neither the other's contacts nor what their displacements count from.
+            record['generation'] = 0
+            record['touch']['displacement'] = math.nan
+            self.link.candidate.post(self._request)
 
     def _publish_more(self, estimator: Estimator, served: Served, new_result: bool) -> None:
         topics = self._topics
@@ -330,6 +341,8 @@ class DeformationNode(Node):
         rest = self.link.worker.handed_over()
         if rest is not None and self.estimator is not None:
             self.estimator.first_touch = FirstTouch(rest)
+        if self.estimator is not None:
+            self._follow_contacts(self.estimator)
 
     def _take_over(self) -> None:
         """A background process has built the shell: serve it from now on."""
@@ -351,6 +364,26 @@ class DeformationNode(Node):
         gc.collect()
         gc.freeze()
         self.get_logger().info(f'{name}: {len(memory.rest)} vertices, serving')
+
+    def _follow_contacts(self, estimator: Estimator) -> None:
+        """Have the mesh graded anew where fingers rest, and change to it once it answers."""
+        found = self._follower.follow(self.link, estimator, time.monotonic())
+        if found is not None:
+            self._change_mesh(*found)
+
+    def _change_mesh(self, slot: Slot, first: FirstTouch) -> None:
+        """Serve from the candidate, whose first equilibrium is in `slot`."""
+        self.link.promote()
+        memory = self.link.worker.memory
+        assert memory is not None and self.estimator is not None
+        changed = Estimator(memory.rest, memory.rest_normals, self._settings)
+        changed.pose, changed.first_touch = self.estimator.pose, first
+        changed.sample = self.estimator.sample
+        changed.adopt(slot)
+        self.estimator = changed
+        self._topics.resize(len(memory.rest))
+        self._publish_mesh()
+        self.get_logger().info(f'{len(memory.rest)} vertices, graded where the fingers are')
 
     def _publish_mesh(self) -> None:
         memory = self.link.worker.memory

@@ -64,6 +64,12 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter('stale_periods', 3.0, 'silence that is STALE (sample periods)', 1.0, 100.0),
     Parameter('stale_floor', 0.02, 'but no shorter than this (s)', 0.0, 10.0),
     Parameter(
+        'follow_contacts',
+        True,
+        'grade the mesh anew where fingers rest and it is too coarse; the answer then has other '
+        'vertices, and deformation/mesh comes again',
+    ),
+    Parameter(
         'wait_for_take_up',
         0.0,
         'longest wait of a sample for the equilibrium of its contacts (s); 0: none; for lockstep',

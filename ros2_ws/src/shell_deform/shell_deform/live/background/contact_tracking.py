@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.contact.loads import ContactPatch, contact_patch
+from shell_deform.live.background.coarseness import coarseness
 from shell_deform.live.background.condensed import HELD_ROWS
 from shell_deform.model import ShellModel
 
@@ -75,6 +76,7 @@ class HeldContact:
         bias: displacement minus the depth of the pin inside the shell at rest [m]: what pose and
             first touch are off by; it stays while the finger slides.
         first: (3,) where the finger first touched, as far as its travel is known [m].
+        coarseness: relative stiffness error of the mesh there.
     """
 
     finger: int
@@ -84,6 +86,7 @@ class HeldContact:
     travel_offset: float
     bias: float
     first: Array
+    coarseness: float
 
     def still_good(self, touch: Touch) -> bool:
         """Whether the finger still presses this patch."""
@@ -174,7 +177,7 @@ class ContactTracker:
         bias = now if old is None else old.bias
         laid = HeldContact(
             touch.finger, patch, touch.point.copy(), held, bias + depth - travel, bias,
-            touch.first_point,
+            touch.first_point, coarseness(surface, 2.0 * self._half_wall, patch),
         )  # fmt: skip
         self._memory.append(laid)
         del self._memory[:-REMEMBERED]

@@ -135,10 +135,14 @@ class LiveSolver:
         self._load = None
         self._let_go()
 
-    def rest_shell(self) -> RestShell:
-        """What the node needs to answer contacts before this process does."""
+    def rest_shell(self, curl: float = 0.0) -> RestShell:
+        """What the node needs to answer contacts before this process does.
+
+        `curl` as in `RestShell` where it is known: it belongs to the shell, not to its mesh.
+        """
         tangent, factor = self.tracker.rest_tangent(self.unloaded)
-        curl = largest_curl(self.model, self.unloaded, tangent, factor, self.tracker.beat)
+        if not curl:
+            curl = largest_curl(self.model, self.unloaded, tangent, factor, self.tracker.beat)
         return RestShell(self.model, self.unloaded, tangent, factor, curl)
 
     def _let_go(self) -> None:
@@ -177,6 +181,8 @@ class LiveSolver:
         self._limit_columns = self._to_limit(self._condensed.fields)
         self._condensed_at = tracker.state.moved
         self._inputs_at = self._inputs()
+        if self._small is not None and not len(self._bend_direction):
+            self._bend_from_rest(self._small)
         if old is not None and old_columns is not None and old_inputs is not None:
             self._update_bend(old, old_columns, old_state, self._inputs_at - old_inputs)
         return True
@@ -211,6 +217,8 @@ class LiveSolver:
             ('travel_offset', [c.travel_offset for c in self.contacts.contacts]),
             ('axis', [c.patch.axis for c in self.contacts.contacts]),
             ('anchor', [c.touched for c in self.contacts.contacts]),
+            ('place', [c.patch.point for c in self.contacts.contacts]),
+            ('coarseness', [c.coarseness for c in self.contacts.contacts]),
             ('lateral', [d for c in self.contacts.contacts for d in c.patch.lateral]),
             ('rigid', here.rigid),
             ('reaction', -tracker.state.multipliers[rows.lateral_columns]),
@@ -222,7 +230,8 @@ class LiveSolver:
         since = rows.measure.T @ (tracker.state.moved - self._condensed_at)
         known = len(self._bend_direction) == k
         record['bend_direction'][:k] = self._bend_direction if known else 0.0
-        record['bend_offset'] = float(self._bend_direction @ since) if known else 0.0
+        along = float(self._bend_direction @ since) if known else float(np.linalg.norm(since))
+        record['bend_offset'] = along
         record['bend_reach'] = self._bend_reach
         record['push_bend'][:k] = self._push_bend if len(self._push_bend) == k else 0.0
         record['third_reach'] = THIRD_REACH * self._wall

@@ -32,12 +32,14 @@ WAITING_BEAT_S = 0.1
 
 
 def build(options: dict[str, object]) -> ShellModel:
-    """The shell that `options` (object, theory, control_vertices) describe."""
+    """The shell that `options` describe, see `worker_link.Build`."""
     count = options.get('control_vertices')
     return build_model(
         load_object(str(options['object'])),
         theory=str(options['theory']),
         control_vertices=int(str(count)) if count else None,
+        refine_at=options.get('refine_at') or None,  # type: ignore[arg-type]
+        refine_radius=float(str(options.get('refine_radius') or 0.0)) or None,
     )
 
 
@@ -53,9 +55,9 @@ def share(solver: LiveSolver) -> tuple[SharedMemory, int]:
     return memory, descriptor
 
 
-def hand_over(solver: LiveSolver, connection: socket.socket) -> None:
+def hand_over(solver: LiveSolver, connection: socket.socket, curl: float) -> None:
     """Give the shell at rest to the other side, for contacts that are still unknown here."""
-    rest = packed(solver.rest_shell())
+    rest = packed(solver.rest_shell(curl))
     with contextlib.suppress(BrokenPipeError):
         socket.send_fds(connection, [b'rest\n'], [rest])
     os.close(rest)
@@ -165,7 +167,7 @@ def main() -> int:
     solver.tracker.beat = memory.beat
     with contextlib.suppress(ValueError, RuntimeError):
         solver.warm_up()
-    hand_over(solver, connection)
+    hand_over(solver, connection, float(str(options.get('curl') or 0.0)))
     Loop(solver, memory, int(sys.argv[2]), polite=niceness > 0).run(connection)
     return 0
 

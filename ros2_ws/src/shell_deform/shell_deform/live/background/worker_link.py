@@ -8,17 +8,24 @@ import os
 import socket
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shell_deform.live.background.rest_shell import RestShell, unpacked
 from shell_deform.live.background.watchdog import Watchdog
 from shell_deform.live.exchange import REQUEST, Layout, SharedMemory, Slot
 
+Array = NDArray[np.float64]
+
 BACK_OFF_FIRST_S = 0.2
 BACK_OFF_LAST_S = 10.0
 HEALTHY_S = 10.0
+PATIENCE_S = 2.0
+"""A process that was asked to end is ended after this [s]."""
+SPARE_AFTER_S = 1.0
+"""A spare process is started so long after the other one is ready: the start is busy enough."""
 THREAD_VARIABLES = (
     'OMP_NUM_THREADS',
     'OPENBLAS_NUM_THREADS',
@@ -38,12 +45,17 @@ class Build:
     """What to build: object name or file, theory, control vertices (0: the object's own).
 
     `niceness` is what the process adds to its own, to leave the processor to the fast loop.
+    `refine_at`: places of the object where the mesh is graded, instead of the object file's own,
+    for contacts of `refine_radius` [m]. `curl`: of the shell, where it was measured before.
     """
 
     object_name: str
     theory: str
     control_vertices: int = 0
     niceness: int = 10
+    refine_at: tuple[tuple[float, float, float], ...] = ()
+    refine_radius: float = 0.0
+    curl: float = 0.0
 
 
 class WorkerProcess:
@@ -83,6 +95,9 @@ class WorkerProcess:
             'theory': build.theory,
             'control_vertices': build.control_vertices,
             'niceness': build.niceness,
+            'refine_at': build.refine_at,
+            'refine_radius': build.refine_radius,
+            'curl': build.curl,
         }
         # One that died already is found dead, and replaced, by whoever looks after it.
         with contextlib.suppress(BrokenPipeError):
@@ -147,7 +162,11 @@ class WorkerProcess:
         """Results of load cases posted so far are not taken any more."""
         self._first_answer = self._sequence + 1
 
-    def stop(self, patience_s: float = 2.0) -> None:
+    def dismiss(self) -> None:
+        """Ask the process to end: it goes when its socket closes."""
+        self._socket.close()
+
+    def stop(self, patience_s: float = PATIENCE_S) -> None:
         """End the process: by closing its socket, by force after `patience_s`."""
         self._socket.close()
         try:
@@ -161,23 +180,37 @@ class WorkerProcess:
 
 
 class WorkerLink:
-    """Keeps a process running; after a death the next one waits longer, up to ten seconds."""
+    """Keeps a process running; after a death the next one waits longer, up to ten seconds.
+
+    Beside it a spare one waits with its imports done: it replaces one that ends, or builds the
+    `candidate`, the same shell on a mesh graded elsewhere, which is promoted once it answers.
+    """
 
     def __init__(self, build: Build, ahead: WorkerProcess | None = None) -> None:
         """`ahead`: a process started ahead for this."""
         self.restarts = 0
+        self.candidate: WorkerProcess | None = None
         self._build = build
+        self._candidate_build = build
+        self._spare: WorkerProcess | None = None
+        self._leaving: list[tuple[WorkerProcess, float]] = []
         self.worker = ahead or WorkerProcess()
         self.worker.start(build)
         self._back_off = BACK_OFF_FIRST_S
         self._start_at = 0.0
-        self._started = -np.inf
+        self._started = self._ready = -np.inf
         self._watchdog = Watchdog(self.worker.process.pid)
 
     @property
     def trouble(self) -> str:
         """Why the process does not get on, in words that follow its name; '' while it does."""
         return self._watchdog.trouble if self.worker.alive else 'ended and is started again'
+
+    @property
+    def processes(self) -> list[int]:
+        """Numbers of all processes that are kept."""
+        kept = (self.worker, self.candidate, self._spare)
+        return [one.process.pid for one in kept if one is not None]
 
     def tend(self, now: float) -> bool:
         """Look after the process at steady time `now` [s]; True when it has just become ready.
@@ -186,13 +219,23 @@ class WorkerLink:
         """
         if not np.isfinite(self._started):
             self._started = now
+        self._see_off(now)
         if self.worker.memory is not None and self.worker.alive:
             self._watchdog.look(self.worker.memory.beats, now)
             if self._watchdog.hopeless:
                 self.worker.process.kill()
                 self.worker.process.wait()
+            if (
+                self._spare is None
+                and self.candidate is None
+                and now > self._ready + SPARE_AFTER_S
+            ):
+                self._spare = WorkerProcess()
         if self.worker.alive or self.worker.memory is None and self._waiting_line():
-            return self.worker.became_ready()
+            ready = self.worker.became_ready()
+            if ready:
+                self._ready = now
+            return ready
         if self._start_at == 0.0:
             if now - self._started > HEALTHY_S:
                 self._back_off = BACK_OFF_FIRST_S
@@ -205,10 +248,75 @@ class WorkerLink:
             self._started, self._start_at = now, 0.0
         return False
 
-    def _replace(self) -> None:
-        """A new process that builds the same."""
-        self.worker = WorkerProcess(self._build)
+    def grade(self, places: Array, radius: float, curl: float) -> None:
+        """Build the shell again with its mesh graded at `places` (k, 3) for contacts of `radius`.
+
+        The running process goes on; `tend_candidate` tells how the other one gets on.
+        """
+        if self.candidate is not None:
+            return
+        rounded = tuple((float(x), float(y), float(z)) for x, y, z in places)
+        build = replace(self._build, refine_at=rounded, refine_radius=radius, curl=curl)
+        self.candidate, self._candidate_build = self._next_process(), build
+        self.candidate.start(build)
+
+    def tend_candidate(self) -> str:
+        """Look after the candidate; why it was given up, or ''."""
+        candidate = self.candidate
+        if candidate is None:
+            return ''
+        try:
+            candidate.became_ready()
+        except WorkerError as error:
+            self.drop_candidate()
+            return str(error)
+        if not candidate.alive:
+            self.drop_candidate()
+            return 'its process ended'
+        return ''
+
+    def promote(self) -> None:
+        """The candidate takes the place of the process that served so far."""
+        assert self.candidate is not None
+        self._leave(self.worker)
+        self.worker, self._build, self.candidate = self.candidate, self._candidate_build, None
         self._watchdog = Watchdog(self.worker.process.pid)
+        self._start_at = 0.0
+
+    def drop_candidate(self) -> None:
+        """End the candidate, if there is one."""
+        if self.candidate is not None:
+            self._leave(self.candidate)
+            self.candidate = None
+
+    def _next_process(self) -> WorkerProcess:
+        """The spare process, or a new one."""
+        spare, self._spare = self._spare, None
+        return spare if spare is not None and spare.alive else WorkerProcess()
+
+    def _replace(self) -> None:
+        """Another process that builds the same."""
+        self.worker = self._next_process()
+        self.worker.start(self._build)
+        self._watchdog = Watchdog(self.worker.process.pid)
+
+    def _leave(self, process: WorkerProcess) -> None:
+        """Ask a process to end without waiting for it."""
+        process.dismiss()
+        self._leaving.append((process, -np.inf))
+
+    def _see_off(self, now: float) -> None:
+        """Forget processes that have ended; the slow ones by force."""
+        staying = []
+        for process, asked in self._leaving:
+            if process.alive:
+                asked = now if not np.isfinite(asked) else asked
+                if now - asked > PATIENCE_S:
+                    process.process.kill()
+                staying.append((process, asked))
+            else:
+                process.stop(0.0)
+        self._leaving = staying
 
     def _waiting_line(self) -> bool:
         """Whether a dead process has left a message to read."""
@@ -219,14 +327,21 @@ class WorkerLink:
 
     def rebuild(self, build: Build) -> None:
         """Replace the process by one for another object."""
+        self.drop_candidate()
         self.worker.stop()
         self._build = build
         self._replace()
-        self._start_at, self._started = 0.0, -np.inf
+        self._start_at, self._started, self._ready = 0.0, -np.inf, -np.inf
 
     def stop(self) -> None:
-        """End the process."""
+        """End all processes."""
+        self.drop_candidate()
+        if self._spare is not None:
+            self._leave(self._spare)
+            self._spare = None
         self.worker.stop()
+        for process, _ in self._leaving:
+            process.stop()
 
 
 def empty_request() -> np.ndarray:

@@ -47,6 +47,7 @@ class Adopted:
         )
         self._anchor = record['anchor'][:k].copy()
         self._axis = record['axis'][:k].copy()
+        self.places = record['place'][:k].copy()
         self.energy = float(record['energy'])
         self.share = float(record['share'])
         self.stable = bool(record['stable'])
@@ -60,6 +61,7 @@ class Adopted:
             slot.linear_columns(),
             self.response.lateral,
             self.response.travel_offset,
+            record['coarseness'][:k].copy(),
         )
         self.bend_direction = record['bend_direction'][:k].copy()
         self.bend_offset = float(record['bend_offset'])
@@ -71,6 +73,11 @@ class Adopted:
         self.worst_third = float(slot.third.max(initial=0.0))
         self.pose = pose_of(record['pose'])
         self.pose_root = _root(record['pose_covariance'])
+
+    @property
+    def coarseness(self) -> Array:
+        """(k,) relative stiffness error of the mesh under each contact."""
+        return self.at_rest.coarseness
 
     def knows(self, sample: ContactSample, pose: Pose) -> NDArray[np.bool_]:
         """(p,) rows of a sample, one per finger, that press one of these contacts.
@@ -94,7 +101,9 @@ class Adopted:
         and serves along that direction. Where there was only one, all of it is error.
         """
         if not self.bend_direction.any():
-            return 0.0, float(moved @ moved), self._cube(float(np.linalg.norm(moved)))
+            start = self.bend_offset
+            end = start + float(np.linalg.norm(moved))
+            return 0.0, end * end - start * start, self._cube(end) - self._cube(start)
         along = float(self.bend_direction @ moved)
         reach = BEND_REACH * self.bend_reach
         used = min(max(along, -reach), reach)

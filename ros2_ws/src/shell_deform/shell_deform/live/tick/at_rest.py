@@ -24,6 +24,7 @@ class AtRest:
         columns: (n, 3, k) motion of the surface per unit push [m/N].
         lateral: (2 k, 3) directions across the axes.
         travel_offset: (k,) displacement of each patch minus the travel of its finger [m].
+        coarseness: (k,) relative stiffness error of the mesh under each contact.
     """
 
     fingers: NDArray[np.int64]
@@ -32,6 +33,7 @@ class AtRest:
     columns: Array
     lateral: Array
     travel_offset: Array
+    coarseness: Array
 
     @cached_property
     def stiffness(self) -> Array:

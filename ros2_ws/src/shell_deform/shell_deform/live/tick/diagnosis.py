@@ -84,7 +84,7 @@ def values(condition: Condition, now: float) -> dict[str, object]:
         'background refreshes': figures.refreshes,
         'background refresh rate [Hz]': figures.refresh_rate(now),
         'memory of node and background [MB]': 1e-6
-        * (resident(os.getpid()) + resident(link.worker.process.pid)),
+        * sum(resident(pid) for pid in (os.getpid(), *link.processes)),
     }
     served, estimator = condition.served, condition.estimator
     if estimator is not None and estimator.adopted is not None:
@@ -98,6 +98,11 @@ def values(condition: Condition, now: float) -> dict[str, object]:
     if served is not None:
         result['nonlinear age [s]'] = served.nonlinear_age
         result['answer'] = served.answer
+        result['stiffness error of the mesh'] = (
+            float(estimator.adopted.coarseness.max(initial=0.0))
+            if estimator is not None and estimator.adopted is not None
+            else 0.0
+        )
         result['error of the linear step [mm]'] = 1e3 * served.extrapolation
         result['contradiction'] = served.contradiction
         result['suspect'] = served.suspect

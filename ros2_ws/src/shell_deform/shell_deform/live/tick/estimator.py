@@ -172,7 +172,8 @@ class Estimator:
         if adopted.at_rest.error(now) < better:
             age = 1e-9 * (sample.stamp - adopted.stamp)
             return self._serve_from_rest(adopted.at_rest, pressed, age, unknown)
-        posterior = fuse(self.settings.errors, response, adopted.doubted(measured))
+        errors = self.settings.errors.on_mesh(adopted.coarseness)
+        posterior = fuse(errors, response, adopted.doubted(measured))
         self.posterior, self.measured = posterior, measured
         inputs = posterior.inputs
         k = len(adopted.fingers)
@@ -262,7 +263,8 @@ class Estimator:
             return Joined(fingers, nothing, np.zeros(0), np.zeros((0, 0)), unknown_dent)
         new = self.first_touch.beside(first, known)
         measured = self._measured(new.response, new.fingers, sample)
-        found = fuse(self.settings.errors, new.response, _without_grip(measured))
+        errors = self.settings.errors.on_mesh(new.coarseness)
+        found = fuse(errors, new.response, _without_grip(measured))
         m = len(new.fingers)
         push = found.inputs[:m]
         moved = new.compliance @ push
@@ -350,7 +352,7 @@ class Estimator:
         """
         taking_up = math.isnan(age)
         measured = _without_grip(self._measured(at_rest.response, at_rest.fingers, sample))
-        errors = self.settings.errors
+        errors = self.settings.errors.on_mesh(at_rest.coarseness)
         uses_motion = errors.drive != 'force'
         weighed = at_rest.doubted(measured) if taking_up and uses_motion else measured
         found = fuse(errors, at_rest.response, weighed)

@@ -31,6 +31,11 @@ class FirstTouch:
         # The first search on a surface lays its tables.
         shell.model.surface.closest_point(shell.model.rest, shell.model.rest[:1])
 
+    @property
+    def curl(self) -> float:
+        """See `RestShell`."""
+        return self._shell.curl
+
     def forget(self) -> None:
         """The fingers let go."""
         self._contacts.reset()
@@ -62,6 +67,7 @@ class FirstTouch:
             lateral=answer.lateral[np.repeat(new, 2)],
             # A finger that joins touches the deformed shell: its travel counts from there.
             travel_offset=np.zeros(int(new.sum())),
+            coarseness=answer.coarseness[new],
         )
 
     def _solve(self) -> AtRest:
@@ -78,6 +84,7 @@ class FirstTouch:
             columns=np.ascontiguousarray(columns.reshape(count, 3, k)),
             lateral=np.array([axis for c in contacts for axis in c.patch.lateral]).reshape(-1, 3),
             travel_offset=np.zeros(k),
+            coarseness=np.array([contact.coarseness for contact in contacts]),
         )
 
 

@@ -10,8 +10,8 @@ out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,7 @@ class ErrorModel:
         rigid: shift of the object between the fingers [m]. outside: forces beside the fingers [N].
         modulus: relative sigma of Young's modulus. model: relative stiffness bias of the theory.
         default_travel: sigma of a travel that comes without one [m].
+        mesh: how much of the estimated stiffness error of the mesh counts [-].
     """
 
     drive: str = 'fused'
@@ -58,11 +59,16 @@ class ErrorModel:
     modulus: float = 0.05
     model: float = 0.03
     default_travel: float = 2e-5
+    mesh: float = 1.0
 
     @cached_property
     def widths(self) -> Widths:
         """All numbers, by their names."""
         return Widths(*(float(getattr(self, name)) for name in Widths._fields))
+
+    def on_mesh(self, coarseness: Array) -> ErrorModel:
+        """The same with the stiffness error of a mesh under its contacts (k,) added."""
+        return _coarser(self, self.mesh * float(coarseness.max(initial=0.0)))
 
     def push_sigma(self, reported: Array) -> Array:
         """Sigma of the gauges' pushes [N] from what the hand reports."""
@@ -70,6 +76,11 @@ class ErrorModel:
         return np.sqrt(
             np.maximum(reported, self.force_floor) ** 2 + self.drift**2 + self.quantum**2 / 12.0
         )
+
+
+@lru_cache(maxsize=16)
+def _coarser(errors: ErrorModel, share: float) -> ErrorModel:
+    return replace(errors, model=float(np.hypot(errors.model, share)))
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,11 @@ class Rehearsal:
         self.estimator.first_touch = FirstTouch(self.solver.rest_shell())
         self._request = np.zeros(1, REQUEST)
         self._sequence = 0
+        self._jumps = self._obeyed = 0
+
+    def jump(self) -> None:
+        """Time has jumped: the solver takes the contacts of the next load case up anew."""
+        self._jumps += 1
 
     def tick(self, sample: ContactSample) -> Served:
         """Serve one sample from what is known, and leave its load case for the solver."""
@@ -46,7 +51,9 @@ class Rehearsal:
         """Let the solver answer the last tick."""
         self._sequence += 1
         self.memory.write_request(self._request, self._sequence)
-        self.solver.take(load_of(self._request[0]))
+        self._request[0]['jumps'] = self._jumps
+        self.solver.take(load_of(self._request[0], jumps=self._obeyed))
+        self._obeyed = self._jumps
         self.solver.refine()
         index = self.memory.free_slot()
         self.solver.fill(self.memory.slots[index])

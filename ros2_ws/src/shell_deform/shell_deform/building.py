@@ -14,6 +14,7 @@ from shell_deform.assemble.thick import thick_shell
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
 from shell_deform.objects import ObjectError, ShellObject, Support, object_mesh
+from shell_deform.readout import wall_ratio
 from shell_deform.supports import (
     SupportRows,
     clamp,
@@ -24,12 +25,17 @@ from shell_deform.supports import (
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.surface.outer_ring import extended
-from shell_deform.theory import THICK
+from shell_deform.theory import AUTO, KOITER, THICK
 from shell_deform.theory.gas import Gas
 from shell_deform.theory.material import Material
+from shell_deform.theory.thin_wall import WORTH_A_THICK_WALL, excess_stiffness
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+
+THICK_EDGES_PER_RADIUS = 0.25
+"""Edge length under a pin as a share of its radius, for a thick wall."""
 
 
 def build_model(
@@ -41,11 +47,33 @@ def build_model(
 ) -> ShellModel:
     """Mesh, wall, supports and gas of an object; the mesh is graded towards its contacts.
 
+    `theory`: a name in `THEORY_NAMES`, or `auto`: thick where `excess_stiffness` says that Koiter
+    is off by more than 2 % and only pins press, else Koiter. `refine_radius` [m] stands in for
+    that of the object's contacts. A thick wall has triangles of a quarter of that under a pin: its
+    pressure rises towards the rim of the stamp.
+
     Raises ObjectError for what the object cannot be: a support where it has no edge, sealed gas in
     an open surface.
     """
     mesh = object_mesh(shell_object, control_vertices, refine_at, refine_radius)
+    if theory == AUTO:
+        model = model_on_mesh(shell_object, mesh)
+        theory = fitting_theory(shell_object, model)
+        if theory != THICK:
+            return model
+    if theory == THICK:
+        radius = refine_radius or min((c.radius_m for c in shell_object.contacts), default=None)
+        if radius is not None:
+            finer = THICK_EDGES_PER_RADIUS * radius
+            mesh = object_mesh(shell_object, control_vertices, refine_at, finer)
     return model_on_mesh(shell_object, mesh, theory)
+
+
+def fitting_theory(shell_object: ShellObject, model: ShellModel) -> str:
+    """What theory `auto` stands for: thick or koiter, see `build_model`."""
+    if any(contact.kind == 'pad' for contact in shell_object.contacts):
+        return KOITER
+    return THICK if excess_stiffness(wall_ratio(model)) > WORTH_A_THICK_WALL else KOITER
 
 
 def model_on_mesh(

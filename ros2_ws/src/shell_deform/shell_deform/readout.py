@@ -7,13 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.assemble.thick import MOST_INCOMPRESSIBLE, ThickShell
 from shell_deform.model import ShellModel
 from shell_deform.theory import THEORIES
+from shell_deform.theory.material import Material
 from shell_deform.theory.thin_wall import thick_wall_warning, thickness_over_radius
 
 Array = NDArray[np.float64]
 
 SMALL_STRAIN_LIMIT = 0.2
+
+FACE_STEPS = 12
+"""Newton steps on the stretch across a free face; it settles in five."""
+
+
+class ReadoutError(ValueError):
+    """A state that cannot be read out."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +54,17 @@ class Readout:
 
 
 def read_out(model: ShellModel, positions: Array, yield_stress: float | None = None) -> Readout:
-    """Strains, stresses and energy of control positions (n, 3) under the model's theory.
+    """Strains, stresses and energy at the unknowns `positions` under the model's theory.
+
+    Of a thin wall these are its control points (n, 3), of a thick one all its unknowns. Raises
+    ReadoutError where a thick wall has no equilibrium at a point.
 
     The face at distance z along the normal carries the strain e - z k, since k is the change of
     the second fundamental form.
     """
     shell = model.shell
+    if isinstance(shell, ThickShell):
+        return _read_out_thick(shell, positions, yield_stress)
     strain = THEORIES[model.theory].strains(shell.derivatives(positions), shell.reference)
     membrane, change = strain[:, :3], strain[:, 3:]
     half = 0.5 * shell.thickness[:, None]
@@ -78,6 +92,63 @@ def read_out(model: ShellModel, positions: Array, yield_stress: float | None = N
         volume=shell.volume(positions)[0],
         warnings=_warnings(outer, inner, result_outer, result_inner, yield_stress),
     )
+
+
+def _read_out_thick(shell: ThickShell, unknowns: Array, yield_stress: float | None) -> Readout:
+    """`read_out` of a thick wall: its faces are stretched as its own kinematics says."""
+    states = shell.point_states(unknowns, np.arange(len(shell.weights)))
+    if states is None:
+        raise ReadoutError('a point of the wall has no equilibrium: there is nothing to read out')
+    metric, bent = states[:, 6:9], states[:, 9:12]
+    rest_bent = -shell.reference.curvature[:, [0, 2, 1]]
+    half = np.array([0.5, 0.5, 1.0])
+    twice = np.array([1.0, 1.0, 2.0])
+    identity = np.array([1.0, 1.0, 0.0])
+    faces = [shell.face_metric(states, side) for side in (1.0, -1.0)]
+    outer, inner = (half * (face - identity) for face in faces)
+    outer_stress, inner_stress = (neo_hookean_stress(face, shell.material) for face in faces)
+    return Readout(
+        points=np.asarray(shell.value_matrix() @ unknowns[: len(shell.mesh.vertices)]),
+        tangents=shell.reference.tangents,
+        membrane_strain=half * (metric - identity),
+        curvature_change=-twice * (bent - rest_bent),
+        outer_strain=outer,
+        inner_strain=inner,
+        outer_stress=outer_stress,
+        inner_stress=inner_stress,
+        energy_density=states[:, 5],
+        volume=shell.volume(unknowns)[0],
+        warnings=_stress_warnings(outer_stress, inner_stress, yield_stress),
+    )
+
+
+def neo_hookean_stress(metric: Array, material: Material) -> Array:
+    """(p, 3) true stress 11, 22, 12 [Pa] of a free face with the in-plane metric (p, 3).
+
+    The face carries no normal stress, which gives its stretch across: Newton's method on its
+    logarithm. Components along the material principal directions, turned with the wall.
+    """
+    nu = min(material.poisson_ratio, MOST_INCOMPRESSIBLE)
+    shear = 0.5 * material.young_modulus / (1.0 + nu)
+    bulk = material.young_modulus / 3.0 / (1.0 - 2.0 * nu)
+    tensor = metric[:, [0, 2, 2, 1]].reshape(-1, 2, 2)
+    squares, directions = np.linalg.eigh(tensor)
+    area = np.sqrt(squares.prod(axis=1))
+    log = -nu / (1.0 - nu) * np.log(area)
+    for _ in range(FACE_STEPS):
+        across = np.exp(2.0 * log)
+        trace = squares.sum(axis=1) + across
+        j = area * np.exp(log)
+        scale = shear * j ** (-5.0 / 3.0)
+        stress = scale * (across - trace / 3.0) + bulk * (j - 1.0)
+        slope = scale * (4.0 / 3.0 * across - 5.0 / 3.0 * (across - trace / 3.0)) + bulk * j
+        log = log - stress / slope
+    across, j = np.exp(2.0 * log), area * np.exp(log)
+    trace = squares.sum(axis=1) + across
+    principal_stress = shear * j[:, None] ** (-5.0 / 3.0) * (squares - trace[:, None] / 3.0)
+    principal_stress += bulk * (j - 1.0)[:, None]
+    full = np.einsum('pik,pk,pjk->pij', directions, principal_stress, directions)
+    return np.stack([full[:, 0, 0], full[:, 1, 1], full[:, 0, 1]], axis=1)
 
 
 def support_forces(model: ShellModel, positions: Array, loads: Array) -> Array:
@@ -115,7 +186,9 @@ def wall_ratio(model: ShellModel) -> float:
 
 
 def thickness_warning(model: ShellModel) -> str | None:
-    """A sentence when the wall is too thick for thin-shell theory, else None."""
+    """A sentence when the wall is too thick for a thin-shell theory of the model, else None."""
+    if isinstance(model.shell, ThickShell):
+        return None
     return thick_wall_warning(wall_ratio(model))
 
 
@@ -129,11 +202,16 @@ def _warnings(
             f'surface strain reaches {100 * strain:.0f} %: beyond '
             f'{100 * SMALL_STRAIN_LIMIT:.0f} % a linear wall law is a stretch'
         )
-    if limit is not None:
-        stress = max(float(von_mises(face).max()) for face in (outer_stress, inner_stress))
-        if stress > limit:
-            found.append(
-                f'surface stress reaches {stress / 1e6:.3g} MPa, above the yield stress of '
-                f'{limit / 1e6:.3g} MPa: the real wall stays bent'
-            )
-    return tuple(found)
+    return (*found, *_stress_warnings(outer_stress, inner_stress, limit))
+
+
+def _stress_warnings(outer: Array, inner: Array, limit: float | None) -> tuple[str, ...]:
+    if limit is None:
+        return ()
+    stress = max(float(von_mises(face).max()) for face in (outer, inner))
+    if stress <= limit:
+        return ()
+    return (
+        f'surface stress reaches {stress / 1e6:.3g} MPa, above the yield stress of '
+        f'{limit / 1e6:.3g} MPa: the real wall stays bent',
+    )

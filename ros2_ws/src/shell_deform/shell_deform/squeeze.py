@@ -102,6 +102,11 @@ class Squeezed:
         """(n, 3) deformed points of the middle surface [m], those of `shell.points`."""
         return self.shell.model.surface.limit_positions(self.state.positions)
 
+    @cached_property
+    def outer_points(self) -> Array:
+        """(n, 3) deformed points of the outer face [m], over `points`."""
+        return self.shell.solved_model.shell.outer_face(self.state.unknowns)
+
     @property
     def faces(self) -> NDArray[np.int64]:
         """(m, 3) triangles between the points."""
@@ -131,7 +136,7 @@ class Squeezed:
     def readout(self) -> Readout:
         """Strains, stresses and energy density at the quadrature points."""
         limit = self.shell.description.yield_stress_pa
-        return read_out(self.shell.model, self.state.positions, limit)
+        return read_out(self.shell.solved_model, self.state.unknowns, limit)
 
     @property
     def stresses(self) -> Stresses:
@@ -141,7 +146,7 @@ class Squeezed:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences on what the numbers are not good for."""
-        return warnings_of(self.shell.model, self.state, self.readout)
+        return warnings_of(self.shell.solved_model, self.state, self.readout)
 
     def figure(self) -> Figure:
         """A matplotlib figure of the surface coloured by displacement."""
@@ -209,6 +214,11 @@ class Shell:
     model: ShellModel
     contacts: tuple[ContactPatch, ...]
     _solver: EquilibriumSolver = field(repr=False)
+
+    @property
+    def solved_model(self) -> ShellModel:
+        """The model on which the squeezed states are equilibria: a thick wall carries its pins."""
+        return self._solver.model
 
     @property
     def name(self) -> str:
@@ -312,7 +322,7 @@ def load(
 ) -> Shell:
     """A shipped object by name (see `object_names`) or an object file, meshed and discretised.
 
-    `theory`: strain measure. `control_vertices`: about so many, else those of the file.
+    `theory`: see `building.build_model`. `control_vertices`: about so many, else the file's.
     `pin_radius` [m] and the material [Pa], [-], [m] stand in for those of the file. Raises
     ObjectError for an object that cannot be read or built, or has no contacts.
     """

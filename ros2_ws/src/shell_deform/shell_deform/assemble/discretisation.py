@@ -62,6 +62,11 @@ class Discretisation(ShellPoints):
         return self.mesh.vertices
 
     @property
+    def stiffest(self) -> float:
+        """Largest wall stiffness [N/m]: what round-off of the strains is multiplied by."""
+        return float(self.membrane[:, 0, 0].max())
+
+    @property
     def idle_dofs(self) -> Index:
         """Unknowns that nothing depends on."""
         return np.zeros(0, dtype=np.int64)

@@ -5,8 +5,10 @@ of three numbers, in this order: the control points [m]; shear nodes, which give
 near the contacts (or everywhere) two components of transverse shear in their tangent plane, times
 the wall thickness [m]; pins, each a rigid stamp on the outer face with its travel into the object
 and two tilts times its radius [m]; and the contact pressures under the pins, three to a row,
-divided by E / h [m]. Pressures are found point by point: `settled` brings them up to date after
-every step, and no equation of the stiffness contains them.
+divided by E / h [m]. A pressure is the same over the part of an element that the pin covers: one
+at every quadrature point would ask more of the surface than its control points can give, and
+oscillate. `settled` brings them up to date after every step; no equation of the stiffness contains
+them.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ SHEAR_REACH = 2.0
 """Shear unknowns within so many sqrt(R h) of a pin: at 12 mm (1.4) on a ball of R/h 12.5 a dent of
 four walls is 4 % too stiff, from 1.7 on within 1 % of shear everywhere."""
 
-POINTS_ACROSS = 2
+POINTS_ACROSS = 1
 """Triangles under a pin are split until so many of their parts span its radius."""
 
 MOST_SPLITS = 5
@@ -83,13 +85,15 @@ class StampPoints:
     """Quadrature points under the stamps, g of them.
 
     Attributes:
-        point: (g,) number of each. stamp: (g,) the stamp it lies under. axis: (g, 3) out of the
-            wall. height: (g,) of the undeformed outer face along it [m]. arm: (g, 2) offset from
-            the stamp's centre along its two lateral vectors, over its radius.
+        point: (g,) number of each. stamp: (g,) the stamp it lies under. cell: (g,) the pressure
+            that acts on it, one an element. axis: (g, 3) out of the wall. height: (g,) of the
+            undeformed outer face along it [m]. arm: (g, 2) offset from the stamp's centre along
+            its two lateral vectors, over its radius.
     """
 
     point: Index
     stamp: Index
+    cell: Index
     axis: Array
     height: Array
     arm: Array
@@ -145,13 +149,25 @@ class ThickShell(Discretisation):
     @cached_property
     def start(self) -> Array:
         """All unknowns of the undeformed shell: control points, then zeros."""
-        more = len(self.sheared) + len(self.stamps) + -(-len(self.pressed.point) // 3)
+        more = len(self.sheared) + len(self.stamps) + -(-self._cells // 3)
         return np.concatenate([self.mesh.vertices, np.zeros((more, 3))])
+
+    @property
+    def _cells(self) -> int:
+        return int(self.pressed.cell.max(initial=-1)) + 1
 
     @property
     def first_pin(self) -> int:
         """Row of the first pin."""
         return len(self.mesh.vertices) + len(self.sheared)
+
+    @property
+    def stiffest(self) -> float:
+        """Largest stiffness [N/m]: of the wall against a change of volume, or under a pin."""
+        shear, bulk = self._arguments[3][:2]
+        squeezed = max((stamp.radius**2 for stamp in self.stamps), default=0.0)
+        reach = max(float(self.thickness.max()), squeezed / float(self.thickness.min()))
+        return float((bulk + 4.0 / 3.0 * shear) * reach)
 
     @cached_property
     def idle_dofs(self) -> Index:
@@ -167,9 +183,10 @@ class ThickShell(Discretisation):
         result[:n] = self.mesh.vertices
         result[n:pin] = self.mesh.vertices[self.sheared]
         result[pin : pin + len(centres)] = centres
-        owner = self.pressed.stamp[::3]
-        if len(owner):
-            result[pin + len(centres) :] = centres[owner]
+        if self._cells:
+            owner = np.zeros(3 * (len(result) - pin - len(centres)), dtype=np.int64)
+            owner[self.pressed.cell] = self.pressed.stamp
+            result[pin + len(centres) :] = centres[owner[::3]]
         return result
 
     def extended_modes(self, modes: Array) -> Array:
@@ -274,15 +291,17 @@ class ThickShell(Discretisation):
             return positions
         compliance = self._arguments[3][3]
         height, squeeze, push = states[:, 2], states[:, 3], states[:, 4]
-        found = push + (height - compliance * push) / (squeeze + compliance)
+        cell, weight = self.pressed.cell, self.weights[self.pressed.point]
+        missing = np.bincount(cell, weight * (height - compliance * push))
+        soft = np.bincount(cell, weight * (squeeze + compliance))
         result = np.array(positions)
-        flat = result.reshape(-1)
-        flat[self._pressure_dofs] = found / self._pressure_unit
+        first = 3 * (self.first_pin + len(self.stamps))
+        result.reshape(-1)[first : first + self._cells] += missing / soft / self._pressure_unit
         return result
 
     def point_states(self, positions: Array, points: Index) -> Array | None:
-        """(c, 8) of the points (c,), see `thick_kernels.point_states`; None where one fails."""
-        out = np.zeros((len(points), 8))
+        """(c, 17) of the points (c,), see `thick_kernels.point_states`; None where one fails."""
+        out = np.zeros((len(points), 17))
         element = np.searchsorted(self.point_offsets, points, side='right') - 1
         arguments: Any = (
             *self._arguments, np.ascontiguousarray(positions), np.asarray(points, np.int64),
@@ -315,7 +334,7 @@ class ThickShell(Discretisation):
     @cached_property
     def _pressure_dofs(self) -> Index:
         first = 3 * (self.first_pin + len(self.stamps))
-        return first + np.arange(len(self.pressed.point))
+        return first + self.pressed.cell
 
     @cached_property
     def _curvature(self) -> Array:
@@ -346,6 +365,21 @@ class ThickShell(Discretisation):
         )  # fmt: skip
 
     # ---- its faces
+
+    def face_metric(self, states: Array, side: float) -> Array:
+        """(p, 3) right Cauchy-Green components (11, 22, 12) at height `side` h / 2, all points.
+
+        `states` (p, 17) are those of all points.
+        """
+        h, z = self.thickness, 0.5 * side * self.thickness
+        zeta = (states[:, 0] * z + states[:, 1] * z**2 / h)[:, None]
+        metric = states[:, 6:9] + 2.0 * zeta * states[:, 9:12] + zeta**2 * states[:, 12:15]
+        k_11, k_12, k_22 = self._curvature.T
+        shifter = np.stack([1.0 + z * k_11, z * k_12, z * k_12, 1.0 + z * k_22], axis=1)
+        inverse = np.linalg.inv(shifter.reshape(-1, 2, 2))
+        full = np.stack([metric[:, 0], metric[:, 2], metric[:, 2], metric[:, 1]], axis=1)
+        turned = inverse @ full.reshape(-1, 2, 2) @ inverse
+        return np.stack([turned[:, 0, 0], turned[:, 1, 1], turned[:, 0, 1]], axis=1)
 
     def outer_face(self, positions: Array) -> Array:
         """(n, 3) points of the outer face over the limit positions of the vertices [m]."""
@@ -544,7 +578,9 @@ def _stamp_points(shell: ThickShell) -> StampPoints:
         for i, lateral in enumerate(_lateral(stamp.axis)):
             arm[own, i] = offset @ lateral / stamp.radius
     height = np.einsum('gi,gi->g', axis, outer[point])
-    return StampPoints(point.astype(np.int64), stamp_of, axis, height, arm)
+    element = np.searchsorted(shell.point_offsets, point, side='right') - 1
+    cell = np.unique(element, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    return StampPoints(point.astype(np.int64), stamp_of, cell, axis, height, arm)
 
 
 def _elements(shell: ThickShell, sheared: Index, pressed: StampPoints) -> dict[str, Any]:

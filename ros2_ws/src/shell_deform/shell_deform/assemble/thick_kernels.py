@@ -2,8 +2,9 @@
 
 The unknowns are rows of three: control points [m], then shear nodes (two components in the
 tangent plane of a control vertex [m], the third idle), then pins (travel and two tilts [m]), then
-contact pressures, three to a row, which no equation of this matrix contains: they are eliminated
-point by point. An element lists its control points, then its shear nodes, then the pins on it.
+contact pressures, three to a row, which no equation of this matrix contains: each is eliminated
+from the element that it presses on. An element lists its control points, then its shear nodes,
+then the pins on it.
 """
 
 from __future__ import annotations
@@ -356,12 +357,15 @@ def thick_tangent(
     force, reach, hessian = floats(21, 0.0), floats(21, 0.0), float_rows(21, 21)
     stiffness = float_rows(largest if stiff else 0, 9 * largest)
     response, respond_to = float_rows(6, 9 * largest), float_rows(largest, 42)
-    ordered, mixed, spread = float_rows(5, 45), floats(45, 0.0), floats(3 * largest, 0.0)
+    ordered, mixed = float_rows(5, 45), floats(45, 0.0)
+    spread, spreads = floats(3 * largest, 0.0), floats(3 * largest, 0.0)
     total = 0.0
     for element in range(len(offsets) - 1):
         own = nodes[offsets[element] : offsets[element + 1]]
         controls, shears, size = controls_of[element], shears_of[element], len(own)
         corners, sheared = own[:controls], own[controls : controls + shears]
+        missing, soft = 0.0, 0.0
+        spreads[: 3 * size] = 0.0
         if stiff:
             stiffness[:size] = 0.0
         for p in range(point_offsets[element], point_offsets[element + 1]):
@@ -380,7 +384,6 @@ def thick_tangent(
             if not np.isfinite(energy):
                 return np.nan
             total += weight * energy
-            lack = 0.0
             if g >= 0:
                 gather_place(corners, value, positions, x)
                 pin = own[size - 1]
@@ -389,20 +392,17 @@ def thick_tangent(
                     height += axes[g, i] * x[i]
                 for i in range(2):
                     height += arms[g, i] * positions[pin, 1 + i]
-                soft = face[3] + compliance
-                lack = (height - compliance * push) / soft
+                missing += weight * (height - compliance * push)
+                soft += weight * (face[3] + compliance)
                 _set_reach(row, value, shear_rows, first, shears, axes[g], arms[g], reach, spread)
-                for k in range(size):
-                    for i in range(3):
-                        gradient[own[k], i] += weight * lack * spread[3 * k + i]
+                for k in range(3 * size):
+                    spreads[k] += weight * spread[k]
                 for i in range(3):
                     for k in range(controls):
                         gradient[own[k], i] += weight * push * axes[g, i] * value[k]
                 gradient[pin, 0] += weight * push
                 for i in range(2):
                     gradient[pin, 1 + i] += weight * push * arms[g, i]
-                if stiff:
-                    _add_reach_stiffness(spread, size, weight / soft, stiffness)
             for i in range(21):
                 force[i] *= weight
             scatter_force(corners, row, force, gradient)
@@ -422,6 +422,13 @@ def thick_tangent(
                 add_shear_stiffness(
                     row, controls, shear_rows, first, shears, hessian, respond_to, stiffness
                 )
+        if soft > 0.0:
+            # One pressure for all pressed points of the element, eliminated from its own equation.
+            for k in range(size):
+                for i in range(3):
+                    gradient[own[k], i] += missing / soft * spreads[3 * k + i]
+            if stiff:
+                _add_reach_stiffness(spreads, size, 1.0 / soft, stiffness)
         if stiff:
             scatter_blocks(own, stiffness, block_offsets[element], block_start, row_length, data)
     if stiff:
@@ -438,10 +445,11 @@ def point_states(
     elements: Any, points: Any, stamps: Any, material: Any, positions: Any, chosen: Any,
     element_of: Any, out: Any,
 ) -> bool:  # fmt: skip
-    """What the `chosen` points say, a row (8,) of `out` each; False where one has no equilibrium.
+    """What the `chosen` points say, a row (17,) of `out` each; False where one has no equilibrium.
 
     Columns: lambda, kappa, height of the outer face along the pin's axis over where the pin is
-    [m], squeeze compliance [m/Pa], pressure [Pa], strain energy per area [J/m^2], shear g_1, g_2.
+    [m], squeeze compliance [m/Pa], pressure [Pa], strain energy per area [J/m^2], then the eleven
+    metric numbers of `thick_law_kernels`.
     """
     offsets, nodes, controls_of, shears_of, point_offsets, row_offsets = elements
     rows, values, weights, curvature, thickness, shear_offsets, shear_rows = points
@@ -481,5 +489,6 @@ def point_states(
                 height += arms[g, i] * positions[pin, 1 + i]
         out[k, 0], out[k, 1], out[k, 2], out[k, 3] = face[0], face[1], height, face[3]
         out[k, 4], out[k, 5] = push, energy
-        out[k, 6], out[k, 7] = work[3][9], work[3][10]
+        for i in range(11):
+            out[k, 6 + i] = work[3][i]
     return True

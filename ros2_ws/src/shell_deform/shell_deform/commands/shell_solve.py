@@ -24,7 +24,7 @@ from shell_deform.solve.equilibrium import Equilibrium, displaced, forced
 from shell_deform.solve.first_touch import first_touch
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
 from shell_deform.squeeze import warnings_of
-from shell_deform.theory import THEORIES
+from shell_deform.theory import AUTO, THEORY_NAMES
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,8 @@ def _solve(options: argparse.Namespace) -> None:
         depth = float(np.mean(state.displacement - touch))
         results.append(Solved(state, depth, time.perf_counter() - start))
     cpu = time.process_time() - loaded[1]
-    readout = read_out(model, state.positions, shell_object.yield_stress_pa)
+    model = solver.model
+    readout = read_out(model, state.unknowns, shell_object.yield_stress_pa)
     for warning in warnings_of(model, state, readout):
         complain('shell_solve', f'note: {warning}')
     if options.mesh:
@@ -87,7 +88,7 @@ def _solve(options: argparse.Namespace) -> None:
         print_json(
             {
                 'object': shell_object.name,
-                'theory': options.theory,
+                'theory': model.theory,
                 'vertices': len(model.rest),
                 'cpu_seconds': cpu,
                 'points': [_point(solved) for solved in results],
@@ -95,7 +96,7 @@ def _solve(options: argparse.Namespace) -> None:
             }
         )
     elif results or not ended:
-        _print_table(shell_object, options.theory, len(model.rest), cpu, results)
+        _print_table(shell_object, model.theory, len(model.rest), cpu, results)
     if ended:
         # What converged has been printed, drawn and written: the end comes last.
         raise CommandError(ended)
@@ -208,7 +209,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--poisson', type=float, metavar='NU', help="Poisson's ratio [-]")
     parser.add_argument('--thickness', type=_positive, metavar='M', help='wall thickness [m]')
     parser.add_argument('--vertices', type=int, metavar='N', help='control vertices, about')
-    parser.add_argument('--theory', choices=sorted(THEORIES), default='koiter')
+    parser.add_argument(
+        '--theory',
+        choices=(*THEORY_NAMES, AUTO),
+        default='koiter',
+        help='auto: thick where a thin wall is off by more than 2 %%, else koiter',
+    )
     parser.add_argument('--gas', choices=('none', 'open', 'sealed'), help='air inside')
     parser.add_argument('--mesh', type=Path, metavar='FILE', help='last surface (PLY, STL, OBJ)')
     parser.add_argument('--picture', type=Path, metavar='FILE', help='picture of it (PNG)')

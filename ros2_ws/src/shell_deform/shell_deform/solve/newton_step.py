@@ -248,7 +248,7 @@ class StepSolver:
         """Force [N] that round-off leaves unbalanced at displacements (N,)."""
         digit = 16.0 * float(np.finfo(float).eps)
         extent = float(np.ptp(self.model.rest, axis=0).max())
-        noise = digit * float(self.model.shell.membrane[:, 0, 0].max()) * extent
+        noise = digit * self.model.shell.stiffest * extent
         if self.model.supports is not None:
             spring = float(self.model.supports.stiffness.max())
             noise += digit * spring * float(np.abs(free).max(initial=0.0))

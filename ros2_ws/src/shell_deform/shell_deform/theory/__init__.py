@@ -45,8 +45,14 @@ THEORIES = {
     'koiter': Theory(3, koiter.strains, koiter.jacobian, koiter.hessian),
 }
 
+KOITER = 'koiter'
+"""The thin wall: Green-Lagrange strain and change of curvature."""
+
 THICK = 'thick'
 """Transverse shear, changing thickness and a neo-Hookean wall: `thick_law_kernels`."""
+
+AUTO = 'auto'
+"""`thick` where a thin wall would be off by more than `thin_wall.WORTH_A_THICK_WALL`."""
 
 THEORY_NAMES = (*sorted(THEORIES), THICK)
 """Every theory a model can have."""

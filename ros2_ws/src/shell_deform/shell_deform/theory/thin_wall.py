@@ -16,6 +16,9 @@ EXCESS = 1.5
 
 WORTH_A_WARNING = 0.05
 
+WORTH_A_THICK_WALL = 0.02
+"""Theory `auto` takes `thick` where `koiter` would be off by more."""
+
 
 def excess_stiffness(thickness_over_radius: float) -> float:
     """Share by which a thin shell is stiffer than a solid, under a pin at small loads.

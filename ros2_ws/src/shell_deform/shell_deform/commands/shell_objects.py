@@ -22,12 +22,20 @@ from shell_deform.objects import (
     object_mesh,
     object_names,
 )
+from shell_deform.objects.loader import shipped_text
+from shell_deform.objects.reference import schema
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the shipped objects, or the given ones; 0 done, 1 an object cannot be read."""
     options = parse('shell_deform', _parser(), arguments)
     try:
+        if options.schema:
+            json.dump(schema(), sys.stdout, indent=2)
+            print()
+            return 0
+        if options.copy is not None:
+            return _copied(options.copy, options.out, options.json)
         shells = [load_object(name) for name in options.objects or object_names()]
         described = [_described(shell, options.mesh) for shell in shells]
     except ObjectError as error:
@@ -53,8 +61,38 @@ def _parser() -> argparse.ArgumentParser:
         action='store_true',
         help='also build each control mesh and show how well it fits (edges and errors in m)',
     )
+    parser.add_argument(
+        '--copy', metavar='NAME', help='write the object file of a shipped object to change it'
+    )
+    parser.add_argument(
+        '--out', type=Path, default=Path(), metavar='DIR', help='where --copy writes (default: .)'
+    )
+    parser.add_argument(
+        '--schema',
+        action='store_true',
+        help='print the JSON Schema of object files, by which editors check and complete them',
+    )
     parser.add_argument('--json', action='store_true', help='print one JSON document')
     return parser
+
+
+def _copied(name: str, folder: Path, as_json: bool) -> int:
+    """Copy a shipped object file, never over another; raises ObjectError."""
+    target = folder / f'{name}.yaml'
+    text = shipped_text(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with target.open('x', encoding='utf-8') as stream:
+            stream.write(text)
+    except FileExistsError:
+        raise ObjectError(f'{target} is there already; give another folder with --out') from None
+    except OSError as error:
+        raise ObjectError(f'{target} cannot be written: {error.strerror}') from error
+    if as_json:
+        print(json.dumps({'file': str(target)}))
+    else:
+        print(target)
+    return 0
 
 
 def _described(shell: ShellObject, with_mesh: bool) -> dict[str, Any]:

@@ -61,6 +61,17 @@ def load_object(name_or_path: str | Path) -> ShellObject:
     return _read(read_document(path), path.resolve().parent)
 
 
+def shipped_text(name: str) -> str:
+    """The object file of a shipped object, comments included.
+
+    Raises:
+        ObjectError: there is no such object.
+    """
+    if name not in object_names():
+        raise ObjectError(f'no shipped object {name!r}; there are {", ".join(object_names())}')
+    return (_shipped() / f'{name}.yaml').read_text(encoding='utf-8')
+
+
 def _shipped() -> Path:
     return Path(__file__).parent
 

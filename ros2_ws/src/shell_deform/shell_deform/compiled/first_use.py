@@ -32,6 +32,7 @@ KERNELS = (
     'shell_deform.factor.nested_dissection',
     'shell_deform.factor.substitution',
     'shell_deform.live.tick.serve_kernel',
+    'shell_deform.grasp.cone_kernel',
 )
 
 COMPILING = 'SHELL_DEFORM_COMPILING'

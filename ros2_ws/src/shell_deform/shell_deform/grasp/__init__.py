@@ -1,0 +1,1 @@
+"""Whether a grasp holds, how much, until when: pure functions of points, normals, forces."""

@@ -1,0 +1,163 @@
+"""The contacts of a grasp and the wrenches that they can carry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+FORCES = 4
+"""Of a contact: push, two tangential forces, spin torque over its arm."""
+
+COINCIDENT = 1e-9
+"""Contacts nearer than this share of the size of the grasp are one."""
+
+UNIFORM_ARM = 2.0 / 3.0
+"""Mean arm of an even pressure over the radius of its disc."""
+
+RIM_ARM = 1.0
+"""The same of a thin shell under a flat face: it lies on the rim."""
+
+
+class GraspError(ValueError):
+    """Contacts that no measure can be told of; the text says which value is impossible."""
+
+
+@dataclass(frozen=True)
+class GraspContacts:
+    """k contacts on the deformed object, in one frame.
+
+    Attributes:
+        point: (k, 3) on the deformed outer face [m]. normal: (k, 3) inward unit normal there.
+        push: (k,) force along the normal [N]. tangential: (k, 3) force across it [N].
+        spin: (k,) torque about the normal [N m]. friction: (k,) coefficient [-].
+        arm: (k,) mean arm of the pressure [m], 0 for a point: the spin torque that friction
+            carries is friction times push times arm.
+    """
+
+    point: Array
+    normal: Array
+    push: Array
+    tangential: Array
+    spin: Array
+    friction: Array
+    arm: Array
+
+    def __post_init__(self) -> None:
+        count = len(self.point)
+        for name, size in (
+            ('point', (count, 3)), ('normal', (count, 3)), ('push', (count,)),
+            ('tangential', (count, 3)), ('spin', (count,)), ('friction', (count,)),
+            ('arm', (count,)),
+        ):  # fmt: skip
+            values = getattr(self, name)
+            if values.shape != size:
+                raise GraspError(f'{name} has shape {values.shape}; {count} contacts need {size}')
+            if not np.all(np.isfinite(values)):
+                raise GraspError(f'{name} of a contact is {values.tolist()}; it must be finite')
+        if count and np.abs(np.linalg.norm(self.normal, axis=1) - 1.0).max() > 1e-6:
+            raise GraspError(f'the normals {self.normal.tolist()} are not of unit length')
+        for name in ('friction', 'arm'):
+            if np.any(getattr(self, name) < 0.0):
+                raise GraspError(
+                    f'{name} is {getattr(self, name).tolist()}; it cannot be negative'
+                )
+
+    @property
+    def count(self) -> int:
+        """How many contacts there are."""
+        return len(self.point)
+
+    def chosen(self, index: NDArray[np.bool_]) -> GraspContacts:
+        """Some of the contacts."""
+        return GraspContacts(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
+
+
+def contacts(
+    point: Array,
+    normal: Array,
+    push: Array | float,
+    friction: Array | float,
+    arm: Array | float = 0.0,
+    force: Array | None = None,
+    spin: Array | None = None,
+) -> GraspContacts:
+    """Contacts from points (k, 3) [m], inward normals (k, 3) and one value for all or (k,) each.
+
+    `force` (k, 3) [N] gives the tangential force; none without it. Raises GraspError.
+    """
+    point = np.asarray(point, float).reshape(-1, 3)
+    count = len(point)
+    normal = np.asarray(normal, float).reshape(-1, 3)
+    tangential = np.zeros((count, 3))
+    if force is not None:
+        tangential = force - np.einsum('ki,ki->k', force, normal)[:, None] * normal
+    return GraspContacts(
+        point,
+        normal,
+        np.broadcast_to(np.asarray(push, float), (count,)).copy(),
+        tangential,
+        np.zeros(count) if spin is None else np.asarray(spin, float),
+        np.broadcast_to(np.asarray(friction, float), (count,)).copy(),
+        np.broadcast_to(np.asarray(arm, float), (count,)).copy(),
+    )
+
+
+def tangents(normal: Array) -> tuple[Array, Array]:
+    """Two unit vectors (k, 3) across each normal (k, 3), orthogonal to each other.
+
+    Duff et al., Building an orthonormal basis, revisited, J. Comput. Graph. Tech. 6 (2017).
+    """
+    x, y, z = normal.T
+    sign = np.where(z < 0.0, -1.0, 1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    first = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=1)
+    second = np.stack([b, sign + y * y * a, -y], axis=1)
+    return first, second
+
+
+def contact_wrenches(grasp: GraspContacts, origin: Array, length: float) -> Array:
+    """(6, k, 4) wrench on the object of unit push, tangential forces and spin force.
+
+    Moments about `origin` (3,) over `length` [m]; the spin force is the torque over the arm.
+    """
+    first, second = tangents(grasp.normal)
+    directions = np.stack([grasp.normal, first, second], axis=1)
+    offset = (grasp.point - origin) / length
+    result = np.zeros((6, grasp.count, FORCES))
+    result[:3, :, :3] = directions.transpose(2, 0, 1)
+    result[3:, :, :3] = np.cross(offset[:, None], directions).transpose(2, 0, 1)
+    result[3:, :, 3] = (grasp.normal * (grasp.arm / length)[:, None]).T
+    return result
+
+
+def size_of(grasp: GraspContacts) -> float:
+    """Mean distance of the contacts from their middle [m]; 1 where they are all in one place."""
+    if not grasp.count:
+        return 1.0
+    away = grasp.point - grasp.point.mean(axis=0)
+    size = float(np.sqrt(np.einsum('ki,ki->', away, away) / grasp.count))
+    return size if size > 0.0 else 1.0
+
+
+def why_open(grasp: GraspContacts) -> str:
+    """Why these contacts cannot close a grasp whatever they press, or empty."""
+    if grasp.count == 0:
+        return 'no contact'
+    if grasp.count == 1:
+        return 'one contact holds nothing'
+    away = grasp.point[:, None] - grasp.point[None]
+    apart = np.linalg.norm(away, axis=2)
+    if apart.max() < COINCIDENT or np.all(apart < COINCIDENT * np.abs(grasp.point).max()):
+        return 'all contacts are in one place'
+    if np.any(grasp.friction <= 0.0):
+        return 'without friction fewer than seven contacts hold nothing'
+    size = size_of(grasp)
+    wrenches = contact_wrenches(grasp, grasp.point.mean(axis=0), size).reshape(6, -1)
+    if np.linalg.matrix_rank(wrenches, tol=1e-9) < 6:
+        return 'nothing resists a turn about the line through the contacts'
+    return ''

@@ -1,0 +1,232 @@
+"""All measures of one grasp, together: what is published live, written off-line and ranked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.grasp.capacity import (
+    DIRECTIONS,
+    GRAVITY,
+    epsilon,
+    force_capacities,
+)
+from shell_deform.grasp.closure import closure
+from shell_deform.grasp.cone import ConeError
+from shell_deform.grasp.contacts import GraspContacts, GraspError
+from shell_deform.grasp.margins import Margins, margins
+from shell_deform.grasp.probability import Sigmas, closure_probability, closure_sigma
+from shell_deform.grasp.slip import Sharing, first_slips
+from shell_deform.grasp.stiffness import adversary_work, grasp_stiffness
+from shell_deform.grasp.window import Limits, SqueezeWindow, squeeze_window
+
+Array = NDArray[np.float64]
+
+HONESTY = (
+    'tangential force and spin are values of the model, no gauge sees them; friction is an input'
+)
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the grasp is for.
+
+    Attributes:
+        mass: of the object [kg]. down: (3,) unit direction of its weight.
+        friction_sigma: of the coefficient, the same at all contacts [-].
+        adversary: push that the grasp is to withstand [N].
+        length: at which moments count as forces [m]; 0: half the largest distance of contacts.
+    """
+
+    mass: float = 0.0
+    down: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    friction_sigma: float = 0.0
+    adversary: float = 1.0
+    length: float = 0.0
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Sigmas of the contacts' values, (k,) each: [N], [N], [m], [rad]."""
+
+    push: Array
+    tangential: Array
+    point: Array
+    normal: Array
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Of one grasp; every number is finite.
+
+    Attributes:
+        contacts: what they are of. per_finger: margins of each.
+        closed, why: force closure, and why not. needed_friction, needed_sigma: coefficient that
+            closure needs [-]. closure_probability: [-].
+        gravity_capacity: weight that the present squeeze can carry [N]; its worst of 26
+            directions and that direction. epsilon: Ferrari and Canny's [N] at `length` [m].
+        gravity_slip: weight at first slip while the fingers stand still [N], which finger; worst
+            of 26 directions [N]. Zero without a known sharing.
+        window: the squeeze window. smallest_stiffness: [N/m]. adversary_work: [J].
+        energy: strain and gas energy [J]. snap_margin: [-].
+    """
+
+    contacts: GraspContacts
+    per_finger: Margins
+    closed: bool
+    why: str
+    needed_friction: float
+    needed_sigma: float
+    closure_probability: float
+    gravity_capacity: float
+    worst_capacity: float
+    worst_direction: Array
+    epsilon: float
+    length: float
+    gravity_slip: float
+    slip_contact: int
+    worst_slip: float
+    window: SqueezeWindow
+    smallest_stiffness: float
+    adversary_work: float
+    energy: float
+    snap_margin: float
+    note: str = field(default=HONESTY)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers, SI."""
+        contacts, own = self.contacts, self.per_finger
+        fingers = [
+            {
+                'point_m': contacts.point[i].tolist(),
+                'normal': contacts.normal[i].tolist(),
+                'push_n': float(contacts.push[i]),
+                'tangential_n': float(np.linalg.norm(contacts.tangential[i])),
+                'spin_nm': float(contacts.spin[i]),
+                'needed_angle_rad': float(own.needed_angle[i]),
+                'slip_margin_n': float(own.slip_margin[i]),
+                'slip_margin_sigma_n': float(own.slip_sigma[i]),
+                'soft_margin': float(own.soft_margin[i]),
+            }
+            for i in range(contacts.count)
+        ]
+        return {
+            'closed': self.closed,
+            'why': self.why,
+            'needed_friction': self.needed_friction,
+            'needed_friction_sigma': self.needed_sigma,
+            'closure_probability': self.closure_probability,
+            'gravity_capacity_n': self.gravity_capacity,
+            'worst_capacity_n': self.worst_capacity,
+            'worst_direction': self.worst_direction.tolist(),
+            'epsilon_n': self.epsilon,
+            'length_m': self.length,
+            'gravity_slip_n': self.gravity_slip,
+            'slip_contact': self.slip_contact,
+            'worst_slip_n': self.worst_slip,
+            'least_push_n': self.window.least,
+            'most_push_n': self.window.most,
+            'limit': self.window.limit,
+            'liftable_mass_kg': self.window.liftable,
+            'liftable_share': self.window.share,
+            'smallest_stiffness_n_m': self.smallest_stiffness,
+            'adversary_work_j': self.adversary_work,
+            'energy_j': self.energy,
+            'snap_margin': self.snap_margin,
+            'note': self.note,
+            'fingers': fingers,
+        }
+
+
+@dataclass(frozen=True)
+class Held:
+    """What is known of the object between the fingers besides its contacts.
+
+    Attributes:
+        centre: (3,) where weight and pushes act [m]. sharing, compliance: see `reading.Response`,
+            None where not known. energy: [J]. limits: how near the wall is to what it bears.
+    """
+
+    centre: Array
+    sharing: Sharing | None = None
+    compliance: Array | None = None
+    energy: float = 0.0
+    limits: Limits = field(default_factory=Limits)
+
+
+def measure(grasp: GraspContacts, held: Held, task: Task, doubt: Doubt) -> Measures:
+    """All measures of a grasp. Raises GraspError for a direction of the weight that is none."""
+    down = np.asarray(task.down, float)
+    size = float(np.linalg.norm(down))
+    if not (np.isfinite(size) and size > 0.0):
+        raise GraspError(f'the direction of the weight is {task.down}; it must not be zero')
+    down = down / size
+    found = closure(grasp)
+    relative = task.friction_sigma / max(float(grasp.friction.max(initial=0.0)), 1e-12)
+    sigmas = Sigmas(doubt.point, doubt.normal, relative)
+    known = len(found.squeeze) > 0
+    friction = float(grasp.friction.max(initial=0.0))
+    needed = found.needed_friction(grasp)
+    capacity, why = _capacities(grasp, held.centre, np.concatenate([down[None], DIRECTIONS]))
+    length = task.length if task.length > 0.0 else _half_width(grasp)
+    quality = epsilon(grasp, held.centre, length)[0] if found.closed else 0.0
+    slips, slipping = _slips(grasp, held.sharing, np.concatenate([down[None], DIRECTIONS]))
+    push = float(grasp.push.mean()) if grasp.count else 0.0
+    worst = int(np.argmin(capacity[1:]))
+    stiff = work = 0.0
+    if held.compliance is not None:
+        stiff = grasp_stiffness(held.compliance, length).smallest
+        work = adversary_work(held.compliance, task.adversary)
+    return Measures(
+        contacts=grasp,
+        per_finger=margins(grasp, doubt.push, doubt.tangential, task.friction_sigma),
+        closed=found.closed,
+        why=found.why or why,
+        needed_friction=needed,
+        needed_sigma=friction * closure_sigma(grasp, found, Sigmas(doubt.point, doubt.normal, 0.0))
+        if known
+        else 0.0,
+        closure_probability=closure_probability(grasp, found, sigmas),
+        gravity_capacity=float(capacity[0]),
+        worst_capacity=float(capacity[1 + worst]),
+        worst_direction=DIRECTIONS[worst],
+        epsilon=quality,
+        length=length,
+        gravity_slip=float(slips[0]),
+        slip_contact=int(slipping[0]),
+        worst_slip=float(slips[1:].min()),
+        window=squeeze_window(push, float(capacity[0]) / GRAVITY, task.mass, held.limits),
+        smallest_stiffness=stiff,
+        adversary_work=work,
+        energy=held.energy,
+        snap_margin=held.limits.snap_margin,
+    )
+
+
+def _capacities(grasp: GraspContacts, centre: Array, directions: Array) -> tuple[Array, str]:
+    if grasp.count < 2:
+        return np.zeros(len(directions)), ''
+    try:
+        return force_capacities(grasp, directions, centre), ''
+    except ConeError as error:
+        return np.zeros(len(directions)), str(error)
+
+
+def _slips(
+    grasp: GraspContacts, sharing: Sharing | None, directions: Array
+) -> tuple[Array, NDArray[np.int64]]:
+    if sharing is None or grasp.count < 2:
+        return np.zeros(len(directions)), np.full(len(directions), -1)
+    wrenches = np.concatenate([directions, np.zeros_like(directions)], axis=1)
+    factor, contact, _ = first_slips(grasp, sharing, wrenches)
+    return factor, contact
+
+
+def _half_width(grasp: GraspContacts) -> float:
+    if grasp.count < 2:
+        return 1.0
+    apart = np.linalg.norm(grasp.point[:, None] - grasp.point[None], axis=2).max()
+    return 0.5 * float(apart) if apart > 0.0 else 1.0

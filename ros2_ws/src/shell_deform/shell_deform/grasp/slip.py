@@ -1,0 +1,96 @@
+"""First slip while the fingers stand still: a load is shared out by the stiffness of the shell.
+
+A worm drive holds its finger where it is. The object moves against the fingers by what its wall
+gives, and each contact's force changes in proportion to the load; the first contact whose force
+reaches its friction cone slips. What is left until all of them do is the reserve of `capacity`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.grasp.contacts import GraspContacts
+
+Array = NDArray[np.float64]
+
+NEVER = 1e9
+"""Factor of a load that no contact feels."""
+
+
+@dataclass(frozen=True)
+class Sharing:
+    """How fingers that stand still share out a wrench on the object, about one origin.
+
+    Attributes:
+        push: (k, 6) change of each push per unit wrench [N per N or N m].
+        tangential: (k, 3, 6) of the force across the normal. spin: (k, 6) of the torque [N m].
+    """
+
+    push: Array
+    tangential: Array
+    spin: Array
+
+
+@dataclass(frozen=True)
+class Slip:
+    """What slips first, and when.
+
+    Attributes:
+        factor: multiple of the load at first slip [-], `NEVER` where none ever does.
+        contact: which one slips, -1 for none.
+        lost: whether it does so by losing its push.
+    """
+
+    factor: float
+    contact: int
+    lost: bool
+
+
+def first_slip(grasp: GraspContacts, sharing: Sharing, wrench: Array) -> Slip:
+    """First slip as `wrench` (6,) grows from nothing; factor 0 where a contact slips already."""
+    found = first_slips(grasp, sharing, np.asarray(wrench, float)[None])
+    return Slip(float(found[0][0]), int(found[1][0]), bool(found[2][0]))
+
+
+def first_slips(
+    grasp: GraspContacts, sharing: Sharing, wrenches: Array
+) -> tuple[Array, NDArray[np.int64], NDArray[np.bool_]]:
+    """Factors, contacts and whether the push is lost, for wrenches (d, 6).
+
+    With N = N0 + a N1 and the scaled tangential force v = v0 + a v1, slip is |v| = N: a quadratic
+    equation of a for each contact.
+    """
+    count, loads = grasp.count, len(wrenches)
+    if not count:
+        return np.zeros(loads), np.full(loads, -1), np.zeros(loads, bool)
+    safe = np.maximum(grasp.friction, 1e-12)
+    arm = np.where(grasp.arm > 0.0, grasp.arm, np.inf)
+    v0 = np.concatenate([grasp.tangential, (grasp.spin / arm)[:, None]], axis=1) / safe[:, None]
+    n1 = sharing.push @ wrenches.T
+    v1 = np.concatenate(
+        [
+            np.einsum('kaw,dw->kad', sharing.tangential, wrenches),
+            (sharing.spin @ wrenches.T / arm[:, None])[:, None],
+        ],
+        axis=1,
+    )
+    v1 = v1 / safe[:, None, None]
+    room = grasp.push**2 - np.einsum('ka,ka->k', v0, v0)
+    cross = grasp.push[:, None] * n1 - np.einsum('ka,kad->kd', v0, v1)
+    square = n1**2 - np.einsum('kad,kad->kd', v1, v1)
+    root = cross**2 - square * room[:, None]
+    meets = (square < 0.0) | ((cross < 0.0) & (root >= 0.0))
+    below = np.sqrt(np.maximum(root, 0.0)) - cross
+    factor = np.where(
+        meets & (below > 0.0), room[:, None] / np.where(below > 0, below, 1.0), NEVER
+    )
+    slipping = (grasp.push <= 0.0) | (room <= 0.0)
+    factor[slipping] = 0.0
+    factor = np.minimum(factor, NEVER)
+    first = np.argmin(factor, axis=0)
+    least = factor[first, np.arange(loads)]
+    lost = grasp.push[first] + least * n1[first, np.arange(loads)] <= 1e-9 * grasp.push.max()
+    return least, np.where(least < NEVER, first, -1), lost

@@ -1,0 +1,208 @@
+"""Force closure: closed forms, brute force, sensitivities and the probability of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from grasp_sets import closed_by_edges, leaning_pins, random_grasp, three_pins, two_pads
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shell_deform.grasp.closure import STEEPEST, closure
+from shell_deform.grasp.contacts import GraspError, contacts
+from shell_deform.grasp.probability import (
+    Sigmas,
+    both_below,
+    closure_probability,
+    closure_sigma,
+)
+
+
+@pytest.mark.parametrize('degrees', [5.0, 15.0, 25.0, 40.0])
+def test_two_pins_need_the_angle_between_their_line_and_their_normals(degrees):
+    grasp = leaning_pins(np.radians(degrees), 0.3, arm=1e-6)
+    found = closure(grasp)
+    assert found.needed_friction(grasp) == pytest.approx(np.tan(np.radians(degrees)), rel=1e-5)
+    assert found.closed == (np.tan(np.radians(degrees)) < 0.3)
+
+
+def test_two_points_never_resist_a_turn_about_their_line():
+    found = closure(leaning_pins(0.1, 0.8, arm=0.0))
+    assert not found.closed
+    assert 'turn about the line' in found.why
+    assert found.needed == pytest.approx(np.tan(0.1) / 0.8, rel=1e-6)
+
+
+def test_pins_face_to_face_need_no_friction():
+    assert closure(two_pads(0.3)).needed < 1e-9
+    assert closure(three_pins(0.3)).needed < 1e-9
+    assert closure(three_pins(0.3)).closed
+
+
+@pytest.mark.parametrize(
+    ('grasp', 'why'),
+    [
+        (contacts(np.zeros((0, 3)), np.zeros((0, 3)), 1.0, 0.5), 'no contact'),
+        (contacts(np.zeros((1, 3)), np.eye(3)[:1], 1.0, 0.5), 'one contact holds nothing'),
+        (contacts(np.ones((2, 3)), np.eye(3)[[0, 0]], 1.0, 0.5, 1e-3), 'in one place'),
+        (two_pads(0.0), 'without friction'),
+        (
+            contacts(0.03 * np.eye(3)[:2], np.array([[-0.6, 0.0, -0.8]] * 2), 5.0, 0.5, 1e-3),
+            'cannot balance a squeeze',
+        ),
+    ],
+)
+def test_what_cannot_close_says_why(grasp, why):
+    found = closure(grasp)
+    assert not found.closed
+    assert why in found.why
+    assert np.isfinite(found.needed)
+    assert closure_probability(grasp, found, _sigmas(grasp.count)) == 0.0
+
+
+def test_a_friction_of_ten_closes_what_faces():
+    assert closure(leaning_pins(0.6, 10.0)).closed
+    assert not closure(leaning_pins(1.5, 10.0)).closed
+
+
+def test_impossible_numbers_are_named():
+    with pytest.raises(GraspError, match='friction'):
+        two_pads(-0.1)
+    with pytest.raises(GraspError, match='push of a contact is'):
+        two_pads(0.3, push=np.nan)
+
+
+def _agreement(count, edges, seed):
+    rng = np.random.default_rng(seed)
+    right, far = 0, []
+    for _ in range(count):
+        grasp = random_grasp(rng, int(rng.integers(3, 6)), rng.uniform(0.1, 1.2), arm=0.0)
+        found = closure(grasp)
+        if found.closed == closed_by_edges(grasp, edges):
+            right += 1
+        else:
+            far.append(abs(found.needed - 1.0))
+    return right / count, max(far, default=0.0)
+
+
+def test_brute_force_over_cone_edges_finds_the_same_grasps_closed():
+    share, farthest = _agreement(150, 180, 1)
+    assert share >= 0.99
+    assert farthest < 1.0 - np.cos(np.pi / 180) + 1e-6
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3000)
+def test_brute_force_over_cone_edges_on_ten_thousand_grasps():
+    share, farthest = _agreement(10_000, 720, 2)
+    assert share >= 0.995
+    assert farthest < 1.0 - np.cos(np.pi / 720) + 1e-6
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000), st.integers(2, 5))
+def test_neither_frame_nor_order_nor_size_changes_the_needed_friction(seed, count):
+    rng = np.random.default_rng(seed)
+    grasp = random_grasp(rng, count, 0.5)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    order = rng.permutation(count)
+    other = contacts(
+        (5.0 * grasp.point @ turn.T + rng.normal(size=3))[order],
+        (grasp.normal @ turn.T)[order],
+        grasp.push,
+        0.5,
+        5.0 * grasp.arm,
+    )
+    one, two = closure(grasp).needed, closure(other).needed
+    assert two == pytest.approx(one, rel=1e-5, abs=1e-5)
+
+
+def test_the_sensitivities_are_those_of_finite_differences():
+    rng = np.random.default_rng(4)
+    for count in (2, 3, 4):
+        grasp = random_grasp(rng, count, 0.6)
+        found = closure(grasp)
+        while not len(found.squeeze) or found.needed > 0.5 * STEEPEST / 0.6:
+            grasp = random_grasp(rng, count, 0.6)
+            found = closure(grasp)
+        point, normal = rng.normal(size=(2, count, 3))
+        step = 1e-6
+        values = []
+        for side in (1.0, -1.0):
+            turned = grasp.normal + side * step * np.cross(normal, grasp.normal)
+            turned /= np.linalg.norm(turned, axis=1)[:, None]
+            moved = contacts(
+                grasp.point + side * step * 0.03 * point, turned, grasp.push, 0.6, grasp.arm
+            )
+            values.append(closure(moved).needed)
+        expected = 0.03 * np.sum(found.by_point * point) + np.sum(found.by_normal * normal)
+        assert (values[0] - values[1]) / (2.0 * step) == pytest.approx(expected, rel=2e-3)
+
+
+def test_the_joint_probability_of_two_normal_variables():
+    from scipy.stats import multivariate_normal
+
+    for a, b, r in ((0.3, -0.5, 0.6), (1.0, 1.0, -0.8), (0.0, 0.0, 0.0), (-1.0, 2.0, 0.95)):
+        expected = multivariate_normal.cdf([a, b], cov=[[1.0, r], [r, 1.0]])
+        assert both_below(a, b, r) == pytest.approx(float(expected), abs=1e-4)
+
+
+def _sigmas(count):
+    return Sigmas(np.full(count, 1e-3), np.full(count, 0.05), 0.1)
+
+
+def _drawn(rng, count):
+    """A grasp near the edge of closure, its probability, and whether one draw of it is closed."""
+    while True:
+        friction = rng.uniform(0.2, 0.9)
+        if count == 2:
+            lean = 0.35 * rng.normal(size=(2, 3))
+            base = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+        else:
+            angle = np.radians([0.0, 120.0, 240.0]) + 0.3 * rng.normal(size=3)
+            base = np.stack([np.cos(angle), np.sin(angle), 0.1 * rng.normal(size=3)], axis=1)
+            lean = 0.5 * rng.normal(size=(3, 3))
+        normal = -base + lean
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        grasp = contacts(0.03 * base, normal, 10.0, friction, 1.3e-3)
+        found = closure(grasp)
+        sigmas = _sigmas(count)
+        if abs(found.needed - 1.0) < 3.0 * closure_sigma(grasp, found, sigmas):
+            break
+    turn = sigmas.normal[:, None] * rng.normal(size=(count, 3))
+    turned = normal + np.cross(turn, normal)
+    true = contacts(
+        grasp.point + sigmas.point[:, None] * rng.normal(size=(count, 3)),
+        turned / np.linalg.norm(turned, axis=1)[:, None],
+        10.0,
+        max(friction * (1.0 + sigmas.friction * rng.normal()), 0.0),
+        grasp.arm,
+    )
+    return closure_probability(grasp, found, sigmas), closure(true).closed
+
+
+def _calibration(draws, count, seed):
+    rng = np.random.default_rng(seed)
+    told, true = np.array([_drawn(rng, count) for _ in range(draws)]).T
+    bins = np.minimum((10.0 * told).astype(int), 9)
+    away, noise = [], []
+    for number in range(10):
+        here = bins == number
+        away.append(abs(told[here].mean() - true[here].mean()))
+        noise.append(np.sqrt(max(told[here].mean() * (1 - told[here].mean()), 1e-4) / here.sum()))
+    return np.array(away), np.array(noise)
+
+
+@pytest.mark.parametrize('count', [2, 3])
+def test_the_probability_of_closure_is_kept_by_draws(count):
+    away, noise = _calibration(600, count, 5)
+    assert np.all(away < 0.03 + 4.0 * noise)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3000)
+@pytest.mark.parametrize('count', [2, 3])
+def test_the_probability_of_closure_is_kept_within_three_percent(count):
+    away, noise = _calibration(10_000, count, 6)
+    assert np.all(away < 0.03 + noise)

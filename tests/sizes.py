@@ -35,6 +35,8 @@ EXEMPT = {
             f'{SHELL}/factor/nested_dissection.py::_minimum_cover',
             f'{SHELL}/factor/substitution.py::forward',
             f'{SHELL}/factor/symbolic.py::_maps',
+            f'{SHELL}/grasp/cone_kernel.py::_direction',
+            f'{SHELL}/grasp/cone_kernel.py::solve',
             f'{SHELL}/live/tick/fusion_kernel.py::_solve',
             f'{SHELL}/live/tick/serve_kernel.py::_serve',
             f'{SHELL}/surface/closest_point_kernel.py::evaluate_triangle',

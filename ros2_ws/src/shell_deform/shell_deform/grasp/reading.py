@@ -119,7 +119,8 @@ def read_response(
 ) -> Response:
     """How the tangent at `state` shares out wrenches that act on the object as its weight does.
 
-    `grasp`: the contacts there, whose normals turn under the load as well. Raises SingularMatrixError where the fingers do not hold the object at all.
+    `grasp`: the contacts there, whose normals turn under the load as well. Raises
+    SingularMatrixError where the fingers do not hold the object at all.
     """
     model = solver.model
     count = len(patches)

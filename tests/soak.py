@@ -40,6 +40,18 @@ CHECKS: dict[str, tuple[str, tuple[str, ...]]] = {
             *('--seconds', '60', '--runs', '5', '--replay-seconds', '600'),
         ),
     ),
+    'messages': (
+        '10^5 generated messages over every topic of every node; every odd parameter',
+        (*PYTEST, 'tests/test_message_campaign.py'),
+    ),
+    'kills': (
+        'kill -9 and SIGHUP of every node at 200 random moments',
+        (*PYTEST, 'tests/test_kill_campaign.py'),
+    ),
+    'suite': (
+        'the whole suite for 30 minutes with one busy core',
+        ('tests/endurance.py', '--minutes', '30'),
+    ),
     'scan': ('10^6 mutations of scan files', ('tests/benchmarks/scan.py', 'damage', '--long')),
     'bags': (
         '10^5 mutations, a 1 GB bag, 20 equal reports, 10 live runs',

@@ -29,7 +29,6 @@ if not HAVE_NUMBA:  # pragma: no cover - numba is there in every locked environm
     )
 
 
-# The plain closest-point search holds the limits of both.
 KERNEL_SOURCES = (
     '**/*kernel*.py',
     'factor/blas.py',
@@ -42,7 +41,7 @@ KERNEL_SOURCES = (
     'factor/substitution.py',
     'factor/symbolic.py',
     'live/tick/fusion_types.py',
-    'surface/closest_point_plain.py',
+    'surface/closest_point_types.py',
 )
 
 

@@ -34,7 +34,7 @@ Ints = types.int32[::1]
 IntRows = types.int32[:, ::1]
 Longs = types.int64[::1]
 # What is only read may also be an array that cannot be written.
-FixedLongs = types.Array(types.int64, 1, 'C', readonly=True)
+FixedFloats = types.Array(types.float64, 1, 'C', readonly=True)
 FixedFloatRows = types.Array(types.float64, 2, 'C', readonly=True)
 LongRows = types.int64[:, ::1]
 Bools = types.boolean[::1]
@@ -46,9 +46,12 @@ def named(of: type[tuple[Any, ...]], **kinds: Any) -> Any:
 
 
 def kernel(
-    result: Any, *arguments: Any, called_from_python: bool = False
+    result: Any, *arguments: Any, called_from_python: bool = False, inline: bool = False
 ) -> Callable[[Callable[..., Any]], Any]:
-    """Decorator: compile for these types, under a name that no other version has."""
+    """Decorator: compile for these types, under a name that no other version has.
+
+    `inline`: into every caller, for what hands tuples of arrays on.
+    """
 
     options: dict[str, Any] = {
         'cache': FOLDER is not None and called_from_python,
@@ -56,6 +59,7 @@ def kernel(
         'error_model': 'numpy',
         'no_cpython_wrapper': not called_from_python,
         'no_cfunc_wrapper': True,
+        'inline': 'always' if inline else 'never',
     }
 
     def decorate(function: Callable[..., Any]) -> Any:

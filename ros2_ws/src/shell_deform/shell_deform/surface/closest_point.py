@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,7 @@ from shell_deform.compiled.cache import HAVE_NUMBA
 
 from . import closest_point_plain
 from .box_spline import COEFFICIENTS
+from .closest_point_types import Feet, Patches
 from .control_mesh import BoolArray, ControlMesh, FloatArray, IntArray
 from .loop_basis import basis_rows
 from .patch import Patch
@@ -64,55 +65,20 @@ class ClosestPoints:
     on_boundary: BoolArray
 
 
-@dataclass(frozen=True)
-class Feet:
-    """What one search from given starts finds: as `ClosestPoints`, without offset.
-
-    Attributes:
-        sure: (q,) False where another foot nearby may be nearer.
-    """
-
-    triangle: IntArray
-    parameters: FloatArray
-    position: FloatArray
-    normal: FloatArray
-    on_boundary: BoolArray
-    sure: BoolArray
-
-
 @dataclass(frozen=True, eq=False)
 class ProjectionTables:
-    """What the kernel needs to know about a mesh, as flat arrays.
+    """What a search needs to know about a mesh.
 
     Attributes:
-        mesh: the mesh.
-        patch, node_offsets, nodes: patch number and control points of each triangle.
-        neighbour: (3m,) half-edge on the other side of each half-edge, or -1 where the active
-            surface ends.
+        mesh: the mesh. patches: its patches as flat arrays.
         smooth: (m,) whether a triangle is away from creases and boundaries.
-        sizes: (c,) control points of each patch.
-        halvings: (c,) how often to split each patch towards an irregular corner.
-        child: (c, 4) patch numbers of the children, -1 for regular patches.
-        child_offset: (c, 4) start of each child's matrix in `matrices`.
-        polynomial_offset: (c,) start of each regular patch's matrix in `matrices`, else -1.
-        matrices: all matrices in row order: child control points, or the fifteen monomial
-            coefficients, from the patch's control points.
         sample_triangle, sample_parameters: where the starting samples lie.
         samples: (s, n) sparse matrix from control points to samples.
     """
 
     mesh: ControlMesh
-    patch: IntArray
-    node_offsets: IntArray
-    nodes: IntArray
-    neighbour: IntArray
+    patches: Patches
     smooth: BoolArray
-    sizes: IntArray
-    halvings: IntArray
-    child: IntArray
-    child_offset: IntArray
-    polynomial_offset: IntArray
-    matrices: FloatArray
     sample_triangle: IntArray
     sample_parameters: FloatArray
     samples: csr_matrix
@@ -133,7 +99,7 @@ class ProjectionTables:
     @cached_property
     def rest_polynomials(self) -> FloatArray:
         """`_polynomials` of the mesh as it is given."""
-        return _polynomials(self, self.mesh.vertices)
+        return _polynomials(self.patches, self.mesh.vertices)
 
 
 def projection_tables(mesh: ControlMesh) -> ProjectionTables:
@@ -161,14 +127,21 @@ def projection_tables(mesh: ControlMesh) -> ProjectionTables:
     triangle, parameters = _sample_places(mesh)
     rows = basis_rows(mesh, triangle, parameters)
     shape = (len(triangle), mesh.vertex_count)
-    return ProjectionTables(
-        mesh, table.patch, table.node_offsets, table.nodes.astype(np.int64), neighbour,
-        np.all(mesh.sharp_valence[mesh.triangles] == 0, axis=1),
-        np.array([patch.size for patch in patches], dtype=np.int64),
-        np.array([patch.halvings for patch in patches], dtype=np.int64), child, child_offset,
-        polynomial_offset, np.concatenate(blocks), triangle, parameters,
-        csr_matrix((rows.values, rows.nodes, rows.node_offsets), shape),
-    )  # fmt: skip
+    flat = Patches(
+        patch=np.array(table.patch),
+        node_offsets=np.array(table.node_offsets),
+        nodes=table.nodes.astype(np.int64),
+        neighbour=neighbour,
+        sizes=np.array([patch.size for patch in patches], dtype=np.int64),
+        halvings=np.array([patch.halvings for patch in patches], dtype=np.int64),
+        child=child,
+        child_offset=child_offset,
+        polynomial_offset=polynomial_offset,
+        matrices=np.concatenate(blocks),
+    )
+    samples = csr_matrix((rows.values, rows.nodes, rows.node_offsets), shape)
+    smooth = np.all(mesh.sharp_valence[mesh.triangles] == 0, axis=1)
+    return ProjectionTables(mesh, flat, smooth, triangle, parameters, samples)
 
 
 def closest_points(
@@ -294,8 +267,8 @@ def _search_again(
         order = np.lexsort((trial, of))
         best = order[np.unique(of, return_index=True)[1]]
         best = best[trial[best] < reach[of[best]]]
-        for item in fields(Feet):
-            getattr(found, item.name)[part[of[best]]] = getattr(again, item.name)[best]
+        for old, new in zip(found, again, strict=True):
+            old[part[of[best]]] = new[best]
 
 
 def _cell_size(tables: ProjectionTables, control_points: FloatArray) -> float:
@@ -318,7 +291,7 @@ def _project_plain(
         triangle,
         parameters,
         *closest_point_plain.project_points(
-            tables.mesh, tables.neighbour, control_points, points, triangle, parameters
+            tables.mesh, tables.patches.neighbour, control_points, points, triangle, parameters
         ),
     )
 
@@ -333,16 +306,13 @@ def _project_compiled(
 ) -> Feet:
     position, normal = np.empty_like(points), np.empty_like(points)
     on_boundary, sure = np.zeros((2, len(points)), dtype=np.bool_)
+    feet = Feet(triangle, parameters, position, normal, on_boundary, sure)
     at_rest = tables.has(control_points)
-    polynomials = tables.rest_polynomials if at_rest else _polynomials(tables, control_points)
+    polynomials = tables.rest_polynomials if at_rest else _polynomials(tables.patches, control_points)
 
     def work(part: slice) -> None:
-        project_points(
-            points[part], triangle[part], parameters[part], position[part], normal[part],
-            on_boundary[part], sure[part], tables.neighbour, control_points, polynomials,
-            tables.patch, tables.node_offsets, tables.nodes, tables.sizes, tables.halvings,
-            tables.child, tables.child_offset, tables.polynomial_offset, tables.matrices,
-        )  # fmt: skip
+        some = Feet._make(array[part] for array in feet)
+        project_points(points[part], some, control_points, polynomials, tables.patches)
 
     if threads == 1 or len(points) < FEW_POINTS:
         work(slice(0, len(points)))
@@ -351,20 +321,20 @@ def _project_compiled(
         parts = [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(work, parts))
-    return Feet(triangle, parameters, position, normal, on_boundary, sure)
+    return feet
 
 
-def _polynomials(tables: ProjectionTables, control_points: FloatArray) -> FloatArray:
+def _polynomials(patches: Patches, control_points: FloatArray) -> FloatArray:
     """(m, 15, 3) monomial coefficients of every regular triangle; zero for the others."""
-    result = np.zeros((len(tables.patch), 15, 3))
-    for index in np.unique(tables.patch).tolist():
-        start = tables.polynomial_offset[index]
+    result = np.zeros((len(patches.patch), 15, 3))
+    for index in np.unique(patches.patch).tolist():
+        start = patches.polynomial_offset[index]
         if start < 0:
             continue
-        members = np.flatnonzero(tables.patch == index)
-        size = int(tables.sizes[index])
-        matrix = tables.matrices[start : start + 15 * size].reshape(15, size)
-        nodes = tables.nodes[tables.node_offsets[members][:, None] + np.arange(size)]
+        members = np.flatnonzero(patches.patch == index)
+        size = int(patches.sizes[index])
+        matrix = patches.matrices[start : start + 15 * size].reshape(15, size)
+        nodes = patches.nodes[patches.node_offsets[members][:, None] + np.arange(size)]
         result[members] = matrix @ control_points[nodes]
     return result
 

@@ -6,24 +6,19 @@ All points take their steps together; apart from that it is the same search.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
-from .control_mesh import ControlMesh, FloatArray, IntArray
+from .closest_point_types import (
+    HALVINGS,
+    LEAST_BEND,
+    MAXIMUM_STEPS,
+    ON_EDGE,
+    ROUND_OFF_STEP,
+    STEP_TOLERANCE,
+    SURE_BEND,
+)
+from .control_mesh import BoolArray, ControlMesh, FloatArray, IntArray
 from .loop_basis import basis_rows
-
-BoolArray = npt.NDArray[np.bool_]
-
-MAXIMUM_STEPS = 60
-HALVINGS = 12
-STEP_TOLERANCE = 1e-10
-# A refused step below this is round-off of the distance, not a search that failed.
-ROUND_OFF_STEP = 1e-5
-ON_EDGE = 1e-12
-# Newton's method takes bends of the squared distance to be at least this, a plane's being 1.
-LEAST_BEND = 1e-4
-# With less bend than this, another foot nearby may be nearer.
-SURE_BEND = 0.5
 
 _ALONG = np.array([[1.0, 0.0], [-1.0, 1.0], [0.0, -1.0]])
 _START = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])

@@ -39,8 +39,6 @@ EXEMPT = {
             f'{SHELL}/grasp/cone_kernel.py::solve',
             f'{SHELL}/live/tick/fusion_kernel.py::_solve',
             f'{SHELL}/live/tick/serve_kernel.py::_serve',
-            f'{SHELL}/surface/closest_point_kernel.py::evaluate_triangle',
-            f'{SHELL}/surface/closest_point_kernel.py::project_points',
             f'{SHELL}/theory/kernels.py::point_strains',
             f'{SHELL}/assemble/thick_kernels.py::_set_hessian',
             f'{SHELL}/assemble/thick_kernels.py::_set_reach',

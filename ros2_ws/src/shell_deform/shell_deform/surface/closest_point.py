@@ -307,8 +307,10 @@ def _project_compiled(
     position, normal = np.empty_like(points), np.empty_like(points)
     on_boundary, sure = np.zeros((2, len(points)), dtype=np.bool_)
     feet = Feet(triangle, parameters, position, normal, on_boundary, sure)
-    at_rest = tables.has(control_points)
-    polynomials = tables.rest_polynomials if at_rest else _polynomials(tables.patches, control_points)
+    if tables.has(control_points):
+        polynomials = tables.rest_polynomials
+    else:
+        polynomials = _polynomials(tables.patches, control_points)
 
     def work(part: slice) -> None:
         some = Feet._make(array[part] for array in feet)

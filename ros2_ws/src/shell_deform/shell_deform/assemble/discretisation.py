@@ -75,6 +75,10 @@ class Discretisation(ShellPoints):
         """Rigid motions (3 n, k) of the control points as motions of all unknowns."""
         return modes
 
+    def continued(self, other: Discretisation, positions: Array) -> Array:
+        """Unknowns of this shell at a state of `other`, another discretisation of the same one."""
+        return positions
+
     def settled(self, positions: Array) -> Array:
         """The unknowns with what is found point by point brought up to date after a step."""
         return positions

@@ -282,6 +282,49 @@ class ThickShell(Discretisation):
             gradient = np.full_like(gradient, np.nan)
         return energy, gradient, data
 
+    def continued(self, other: Discretisation, positions: Array) -> Array:
+        """Unknowns under these pins at a state of the same wall under others.
+
+        Shear stays where it is known; pins that stay keep travel and pressures; a new one lies on
+        the face as that is now, without pressure.
+        """
+        assert isinstance(other, ThickShell)
+        n = len(self.mesh.vertices)
+        result = self.start.copy()
+        result[:n] = positions[:n]
+        _, here, there = np.intersect1d(self.sheared, other.sheared, return_indices=True)
+        result[n + here] = positions[n + there]
+        stays = np.full(len(self.stamps), -1)
+        for k, stamp in enumerate(self.stamps):
+            same = [i for i, old in enumerate(other.stamps) if stamp.like(old)]
+            if same:
+                stays[k] = same[0]
+                result[self.first_pin + k] = positions[other.first_pin + same[0]]
+        flat, old_flat = result.reshape(-1), positions.reshape(-1)
+        old_cells = dict(zip(other._cell_keys, other._pressure_dofs, strict=True))
+        for (element, k), dof in zip(self._cell_keys, self._pressure_dofs, strict=True):
+            if stays[k] >= 0:
+                flat[dof] = old_flat[old_cells.get((element, int(stays[k])), 0)]
+                flat[dof] *= (element, int(stays[k])) in old_cells
+        return self._laid(result, np.flatnonzero(stays < 0))
+
+    def _laid(self, positions: Array, stamps: Index) -> Array:
+        """The unknowns with `stamps` laid on the outer face as it is."""
+        states = self.point_states(positions, self.pressed.point) if len(stamps) else None
+        if states is None:
+            return positions
+        for k in stamps.tolist():
+            own = self.pressed.stamp == k
+            arms = np.column_stack([np.ones(int(own.sum())), self.pressed.arm[own]])
+            positions[self.first_pin + k] -= np.linalg.lstsq(arms, states[own, 2], rcond=None)[0]
+        return positions
+
+    @property
+    def _cell_keys(self) -> list[tuple[int, int]]:
+        """(element, stamp) of the pressure on every pressed point."""
+        element = np.searchsorted(self.point_offsets, self.pressed.point, side='right') - 1
+        return list(zip(element.tolist(), self.pressed.stamp.tolist(), strict=True))
+
     def settled(self, positions: Array) -> Array:
         """The unknowns with the contact pressures of the step that was just taken."""
         if not len(self.pressed.point):

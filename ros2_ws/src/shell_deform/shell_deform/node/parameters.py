@@ -11,9 +11,9 @@ from shell_deform.live.pose import PoseError, pose_of
 from shell_deform.live.tick.estimator import Settings
 from shell_deform.live.tick.fusion import DRIVES, ErrorModel
 from shell_deform.objects import ObjectError, load_object
-from shell_deform.theory import THEORIES
+from shell_deform.theory import AUTO, THEORY_NAMES, is_linear
 
-NONLINEAR = tuple(sorted(name for name, theory in THEORIES.items() if not theory.is_linear))
+NONLINEAR = (*(name for name in THEORY_NAMES if not is_linear(name)), AUTO)
 
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter('object', 'tennis_ball', 'name of a shipped object, or an object file'),

@@ -108,11 +108,11 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
 def pin_rows(model: ShellModel, number: int, contact: ContactPatch) -> tuple[Array, Array]:
     """What a unit push of pin `number` works on (N,), and its displacement as a row (N,).
 
-    A thin wall is pushed and measured where the contact says; on a thick one the pin is an unknown
-    of its own, its travel.
+    A wall is pushed and measured where the contact says, on its middle surface; where a thick one
+    carries the pin, that is an unknown of its own, its travel.
     """
     count = 3 * len(model.start)
-    if isinstance(model.shell, ThickShell):
+    if isinstance(model.shell, ThickShell) and model.shell.stamps:
         row = np.zeros(count)
         row[3 * (model.shell.first_pin + number)] = 1.0
         return row, row

@@ -23,6 +23,7 @@ from shell_deform.contact.loads import ContactPatch
 from shell_deform.factor.analysis import Factor
 from shell_deform.factor.bordered import BorderedFactor
 from shell_deform.model import ShellModel, Tangent, diagonal_entry
+from shell_deform.solve.borders import pin_rows
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.supports import GRIP_TOLERANCE, free_rigid_modes
 
@@ -34,7 +35,7 @@ LATERAL_ROWS = 2
 
 @dataclass(frozen=True)
 class ContactRows:
-    """Dense rows of one set of k contacts over the N = 3 n control coordinates.
+    """Dense rows of one set of k contacts over the N unknowns of the shell.
 
     Attributes:
         push: (N, k) nodal forces of unit pushes. measure: (N, k) centre displacements.
@@ -66,14 +67,14 @@ class ContactRows:
 
 def contact_rows(model: ShellModel, patches: tuple[ContactPatch, ...]) -> ContactRows:
     """Rows of a set of contacts on `model`."""
-    size = 3 * len(model.rest)
+    size = 3 * len(model.start)
     push = np.zeros((size, len(patches)))
     measure = np.zeros((size, len(patches)))
     held = np.zeros((size, HELD_ROWS * len(patches)))
     for i, patch in enumerate(patches):
-        push[:, i] = patch.force_pattern(patch.axis).reshape(-1)
-        measure[:, i] = patch.displacement_row().reshape(-1)
-        held[:, HELD_ROWS * i : HELD_ROWS * (i + 1)] = patch.held_rows().reshape(HELD_ROWS, -1).T
+        push[:, i], measure[:, i] = pin_rows(model, i, patch)
+        own = patch.held_rows().reshape(HELD_ROWS, -1).T
+        held[: len(own), HELD_ROWS * i : HELD_ROWS * (i + 1)] = own
     left = free_rigid_modes(model.free_modes, held, GRIP_TOLERANCE)
     return ContactRows(push, measure, held, left)
 

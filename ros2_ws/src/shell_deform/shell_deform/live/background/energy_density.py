@@ -7,7 +7,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from shell_deform.model import ShellModel
-from shell_deform.theory import THEORIES
+from shell_deform.theory import KOITER, THEORIES, THICK
 
 Array = NDArray[np.float64]
 
@@ -37,10 +37,14 @@ class EnergyDensity:
         self._means = (sp.diags(scale) @ shares.T).tocsr()
 
     def at(self, positions: Array) -> Array:
-        """(n,) density [J/m^2] at control positions (n, 3) [m]."""
+        """(n,) density [J/m^2] at control positions (n, 3) [m].
+
+        That of a thick wall is taken as if it were thin: it only colours the surface.
+        """
         shell = self._model.shell
         q = (self._derivatives @ positions).reshape(5, -1, 3).transpose(1, 0, 2)
-        strain = THEORIES[self._model.theory].strains(q, shell.reference)
+        theory = KOITER if self._model.theory == THICK else self._model.theory
+        strain = THEORIES[theory].strains(q, shell.reference)
         membrane, change = strain[:, :3, None], strain[:, 3:, None]
         energy = 0.5 * ((shell.membrane @ membrane) * membrane).sum(axis=(1, 2))
         energy += 0.5 * ((shell.bending @ change) * change).sum(axis=(1, 2))

@@ -69,7 +69,7 @@ def _pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 def small_loads(
     model: ShellModel, rest: Array, system: CondensedSystem, rows: ContactRows
 ) -> SmallLoads:
-    """Expansion about the unloaded control positions `rest` (n, 3), factorised in `system`.
+    """Expansion about the unloaded unknowns `rest`, factorised in `system`.
 
     The third derivative of the energy along a direction is the second difference of its gradient.
     """
@@ -77,12 +77,13 @@ def small_loads(
     count = rows.contacts
     size = float(np.abs(fields).max(initial=0.0))
     step = 0.02 * float(model.shell.thickness.max()) / size if size > 0 else 0.0
+    settled = model.shell.settled
     base = model.gradient(rest)[1]
 
     def bending(direction: Array) -> Array:
         offset = step * direction.reshape(-1, 3)
-        forward = model.gradient(rest + offset)[1]
-        backward = model.gradient(rest - offset)[1]
+        forward = model.gradient(settled(rest + offset))[1]
+        backward = model.gradient(settled(rest - offset))[1]
         return (forward + backward - 2.0 * base) / step**2
 
     first, second = _pairs(count)

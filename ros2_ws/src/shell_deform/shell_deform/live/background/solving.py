@@ -149,6 +149,7 @@ class LiveSolver:
         """No contacts, and the unloaded state."""
         self.contacts.reset()
         self._placement = None
+        self.tracker.take(self.model)
         self.tracker.state = self._unloaded_state
         self.tracker.forget_tangent()
         self._change_contacts(np.zeros(0))
@@ -290,13 +291,15 @@ class LiveSolver:
         return self._pose_in_use
 
     def _nearly_at_rest(self) -> bool:
-        away = self.tracker.state.moved - self._unloaded_state.moved
+        controls = slice(0, 3 * self._size)
+        away = self.tracker.state.moved[controls] - self._unloaded_state.moved[controls]
         return bool(np.abs(away).max(initial=0.0) < 0.2 * self._wall)
 
     def _change_contacts(self, force: Array) -> None:
         if len(self.contacts.contacts) > MAX_CONTACTS:
             raise ValueError(f'more than {MAX_CONTACTS} contacts; merge tactile cells first')
-        rows = contact_rows(self.model, self.contacts.patches)
+        self.tracker.take(self.model.on_contacts(self.contacts.patches))
+        rows = contact_rows(self.tracker.model, self.contacts.patches)
         self.tracker.set_contacts(rows, force)
         self._new_generation(rows)
 
@@ -311,7 +314,8 @@ class LiveSolver:
         self._small = None
         if rows.contacts and self._unloaded is not None:
             system = self.tracker.rest_system(self._unloaded, rows)
-            self._small = small_loads(self.model, self._unloaded, system, rows)
+            unloaded = self.tracker.unloaded(self._unloaded)
+            self._small = small_loads(self.tracker.model, unloaded, system, rows)
             self._linear_columns = self._to_limit(self._small.fields)
             self._bend_from_rest(self._small)
         else:
@@ -385,7 +389,7 @@ class LiveSolver:
         step = float(np.linalg.norm(steps))
         if step < SMALLEST_STEP * self._wall:
             return
-        change = self.model.surface.limit_matrix @ (moved - old_state).reshape(-1, 3)
+        change = self._to_limit((moved - old_state)[:, None])[:, :, 0]
         inputs_before = self._inputs_for(old, steps, inputs)
         inputs_after = self._inputs_for(self._condensed, steps, inputs)
         push_bend = (2.0 * inputs_after + inputs_before - 3.0 * inputs) / step**2
@@ -412,9 +416,10 @@ class LiveSolver:
         return result
 
     def _to_limit(self, fields: Array) -> Array:
-        """Motion of the limit positions (n, 3, j) for control point fields (3 n, j)."""
+        """Motion of the limit positions (n, 3, j) for fields (N, j) of all unknowns."""
         count = fields.shape[1]
-        limit = self.model.surface.limit_matrix @ fields.reshape(self._size, 3 * count)
+        controls = fields[: 3 * self._size].reshape(self._size, 3 * count)
+        limit = self.model.surface.limit_matrix @ controls
         return np.ascontiguousarray(limit.reshape(self._size, 3, count))
 
     def _snap_margin(self, compliance: Array) -> float:

@@ -100,6 +100,8 @@ class EquilibriumTracker:
         self._solver = EquilibriumSolver(model)
         self._wall = float(model.shell.thickness.max())
         self._noise_force = 1e-7 * float(model.shell.membrane[:, 0, 0].max()) * self._wall
+        self._bare = model
+        self._bare_rest: tuple[Tangent, SprungFactor] | None = None
         self._tangent: Tangent | None = None
         self._factor: SprungFactor | None = None
         self._budget = self.options.tangents
@@ -114,10 +116,10 @@ class EquilibriumTracker:
 
     def reset(self) -> None:
         """Back to the undeformed state without contacts."""
-        size = 3 * len(self.model.rest)
+        self._use(self._bare)
         empty = np.zeros(0)
-        energy, gradient = self.model.gradient(self.model.rest)
-        self.state = State(np.zeros(size), empty, empty, energy, gradient, 0.0)
+        energy, gradient = self.model.gradient(self.model.start)
+        self.state = State(np.zeros(self.model.start.size), empty, empty, energy, gradient, 0.0)
         self.rows: ContactRows | None = None
         self._target: Target | None = None
         self._fresh = False
@@ -125,9 +127,31 @@ class EquilibriumTracker:
         self._system = None
 
     @property
+    def unknowns(self) -> Array:
+        """All unknowns of the present state, rows of three."""
+        return self.model.start + self.state.moved.reshape(-1, 3)
+
+    @property
     def positions(self) -> Array:
         """(n, 3) control points of the present state."""
-        return self.model.rest + self.state.moved.reshape(-1, 3)
+        return self.unknowns[: len(self.model.rest)]
+
+    def take(self, model: ShellModel) -> None:
+        """Go on, in the present shape, with this model of the same shell under other contacts."""
+        if model is self.model:
+            return
+        unknowns = model.shell.continued(self.model.shell, self.unknowns)
+        self._use(model)
+        energy, gradient = model.gradient(unknowns)
+        moved = (unknowns - model.start).reshape(-1)
+        self.state = replace(self.state, moved=moved, energy=energy, gradient=gradient)
+
+    def _use(self, model: ShellModel) -> None:
+        if model is not self.model:
+            self.model, self._rest = model, None
+            self._solver.take(model)
+            self._tangent = self._factor = self._system = None
+            self._fresh = False
 
     def set_contacts(self, rows: ContactRows, force: Array) -> None:
         """Continue from the present shape with another set of contacts and these pushes [N]."""
@@ -145,16 +169,29 @@ class EquilibriumTracker:
         self._renew()
 
     def rest_tangent(self, positions: Array) -> tuple[Tangent, SprungFactor]:
-        """Tangent at the unloaded `positions` (n, 3) with its factor, kept."""
-        if self._rest is None:
-            tangent = self.model.tangent(positions)
-            self._rest = tangent, factorise_sprung(self._solver, tangent)
-        return self._rest
+        """Tangent at the unloaded control `positions` (n, 3) with its factor, kept.
+
+        That of the shell without contacts, which a thick wall carries as unknowns.
+        """
+        if self._bare_rest is None:
+            solver = self._solver if self.model is self._bare else EquilibriumSolver(self._bare)
+            tangent = self._bare.tangent(self._bare.shell.continued(self._bare.shell, positions))
+            self._bare_rest = tangent, factorise_sprung(solver, tangent)
+        return self._bare_rest
 
     def rest_system(self, positions: Array, rows: ContactRows) -> CondensedSystem:
-        """The system of these contacts at the unloaded `positions` (n, 3)."""
-        tangent, factor = self.rest_tangent(positions)
+        """The system of these contacts at the unloaded control `positions` (n, 3)."""
+        if self.model is self._bare:
+            self._rest = self.rest_tangent(positions)
+        elif self._rest is None:
+            tangent = self.model.tangent(self.unloaded(positions))
+            self._rest = tangent, factorise_sprung(self._solver, tangent)
+        tangent, factor = self._rest
         return CondensedSystem(factor, tangent, rows)
+
+    def unloaded(self, positions: Array) -> Array:
+        """All unknowns at the unloaded control `positions` (n, 3)."""
+        return self.model.shell.continued(self._bare.shell, positions)
 
     def here(self, driven: NDArray[np.bool_]) -> Target:
         """The present values of everything that can be prescribed."""
@@ -173,12 +210,12 @@ class EquilibriumTracker:
         """The factorised tangent at or near the present state."""
         if self._system is None:
             self._fresh = self._fresh or self._tangent is None
-            self._linearise(self.positions)
+            self._linearise(self.unknowns)
         assert self._system is not None
         return self._system
 
     def _linearise(self, positions: Array) -> None:
-        """Factorise the tangent at control `positions` (n, 3), unless one is kept."""
+        """Factorise the tangent at these unknowns, unless one is kept."""
         if self._tangent is None or self._factor is None:
             # The old factor goes first: two of them are the largest thing in memory.
             self._factor = self._system = None
@@ -198,6 +235,13 @@ class EquilibriumTracker:
             self._polish(self._target)
         return system.condense()
 
+    def _settled(self, moved: Array) -> Array:
+        """(N,) displacement with what the shell finds point by point brought up to date."""
+        if self.model is self._bare:
+            return moved
+        start = self.model.start
+        return (self.model.shell.settled(start + moved.reshape(-1, 3)) - start).reshape(-1)
+
     def _polish(self, target: Target) -> None:
         """One Newton step, if it is as short as the iterations promised."""
         state, tangent = self.state, self._tangent
@@ -209,7 +253,7 @@ class EquilibriumTracker:
         change += tangent.gas_stiffness * tangent.gas_row * (tangent.gas_row @ step)
         self.state = replace(
             state,
-            moved=state.moved + step,
+            moved=self._settled(state.moved + step),
             force=force,
             multipliers=multipliers,
             energy=state.energy + float((state.gradient + 0.5 * change) @ step),
@@ -306,8 +350,8 @@ class EquilibriumTracker:
             if slow and (largest > 2.0 * before or tangents == 0 or self._budget <= 0):
                 self.message = 'the iterations did not converge'
                 return None
-            moved = state.moved + step
-            positions = self.model.rest + moved.reshape(-1, 3)
+            moved = self._settled(state.moved + step)
+            positions = self.model.start + moved.reshape(-1, 3)
             energy, gradient = self.model.gradient(positions)
             held, carried = rows.constraints @ multipliers, rows.push @ force
             scale = max(

@@ -52,7 +52,7 @@ def missing(error: ModuleNotFoundError) -> str:
 def command(name: str, module: str, usage: str = '') -> Main:
     """The function that a console script runs: `main` of the module, found when it is called.
 
-    `usage`: a module whose `usage()` is the usage text of a node; no ROS is loaded for that.
+    `usage`: a module whose `usage()` is the usage text; neither ROS nor a solver is loaded for it.
     """
     package = module.partition('.')[0]
 
@@ -85,13 +85,23 @@ class _Version(argparse.Action):
         parser.exit()
 
 
+def usage_of(package: str, parser: argparse.ArgumentParser) -> str:
+    """The usage text of a command, with what all commands have."""
+    return _with_version(package, parser).format_help().rstrip()
+
+
+def _with_version(package: str, parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
+    parser.add_argument(
+        '--version', action=_Version, nargs=0, const=package, help='print the version and exit'
+    )
+    return parser
+
+
 def parse(
     package: str, parser: argparse.ArgumentParser, arguments: Sequence[str] | None = None
 ) -> argparse.Namespace:
     """Parse the arguments of a command of `package`; complete them where a shell asks for it."""
-    parser.add_argument(
-        '--version', action=_Version, nargs=0, const=package, help='print the version and exit'
-    )
+    _with_version(package, parser)
     if '_ARGCOMPLETE' in os.environ:
         import argcomplete
 

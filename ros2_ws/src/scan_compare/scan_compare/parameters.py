@@ -9,10 +9,12 @@ import numpy as np
 
 from grasp_common import parameter_table
 from grasp_common.parameter_table import Parameter, ParameterError
-from scan_compare.registration import SCANNER_SIGMA
 from scan_compare.rigid import Pose, rotation_from_quaternion
 from scan_compare.units import METRES_PER_UNIT
-from shell_deform.objects import ObjectError, load_object
+
+# This table is a usage text, too: what needs the solver is imported where it is used.
+SCANNER_SIGMA_M = 0.127e-3
+"""As the registration has it."""
 
 IDENTITY_NUMBERS = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
@@ -39,7 +41,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         'scanner in the frame of the contacts, for scan_start given: x y z (m) qx qy qz qw',
     ),
     Parameter(
-        'scanner_sigma', SCANNER_SIGMA, 'noise of a scan point along the normal (m)', 1e-6, 0.01
+        'scanner_sigma', SCANNER_SIGMA_M, 'noise of a scan point along the normal (m)', 1e-6, 0.01
     ),
     Parameter('outlier_distance', 0.0, 'points further away are no part of the object (m); 0: a '
               'quarter of its extent', 0.0, 1.0),
@@ -67,6 +69,8 @@ def validate(values: Mapping[str, Any]) -> None:
         if name in values:
             pose(name, values[name])
     if 'object' in values:
+        from shell_deform.objects import ObjectError, load_object
+
         try:
             load_object(values['object'])
         except (ObjectError, OSError) as error:

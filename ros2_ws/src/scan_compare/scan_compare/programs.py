@@ -8,4 +8,8 @@ from grasp_common.command_line import command
 scan_compare = command(
     'scan_compare', 'scan_compare.scan_compare_node', usage='scan_compare.parameters'
 )
-scan_error = command('scan_error', 'scan_compare.commands.scan_error')
+scan_error = command(
+    'scan_error',
+    'scan_compare.commands.scan_error',
+    usage='scan_compare.commands.scan_error_options',
+)

@@ -14,18 +14,19 @@ from scipy.spatial import cKDTree
 
 from grasp_common.command_line import parse
 from grasp_common.terminal import complain, say
+from scan_compare.commands.scan_error_options import build_parser
 from scan_compare.comparison import Comparison, ComparisonError, Progress, compare
 from scan_compare.deformed_surface import DeformedSurface, SurfaceError
 from scan_compare.merge import MergeError, merge
 from scan_compare.model_file import surface_of_files, surface_of_object
 from scan_compare.ranking import rank
-from scan_compare.registration import SCANNER_SIGMA, RegistrationError
+from scan_compare.registration import RegistrationError
 from scan_compare.report.files import dump_json, write_report
 from scan_compare.report.table import text_table
-from scan_compare.rigid import IDENTITY, Pose, pose_from_points, rotation_from_quaternion
+from scan_compare.rigid import Pose, pose_from_points
 from scan_compare.scan import Scan
 from scan_compare.scan_file import ScanFileError, read_scan
-from scan_compare.units import METRES_PER_UNIT, UnitError
+from scan_compare.units import UnitError
 from shell_deform.objects import ObjectError
 from shell_deform.surface.control_mesh import MeshError
 
@@ -46,7 +47,7 @@ FAILURES = (
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns its exit code."""
-    options = parse('scan_compare', _parser(), arguments)
+    options = parse('scan_compare', build_parser(), arguments)
     try:
         with _progress(not options.quiet) as progress:
             comparison = _run(options, progress)
@@ -130,91 +131,6 @@ def _read(
                 'leave the points where they are'
             )
     return (merge(views).scan if len(views) > 1 else views[0]), mask
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='scan_error',
-        description='Compare a 3-D scan with the outer face of a deformed shell: rigid '
-        'registration on the undeformed region, distances to the smooth surface, statistics '
-        'with their noise floor. Lengths in metres unless stated.',
-    )
-    parser.add_argument(
-        'scan', nargs='+', type=Path, help='scan file (STL, PLY, OBJ, XYZ, VRML 2); several are '
-        'views of one object and are merged',
-    )  # fmt: skip
-    parser.add_argument('--object', required=True, help='object name or object file (YAML)')
-    parser.add_argument(
-        '--surface', type=Path, help='mesh file with the deformed limit positions of the control '
-        'vertices on the middle surface; without it the object at rest',
-    )  # fmt: skip
-    parser.add_argument('--rest', type=Path, help='the same mesh at rest')
-    parser.add_argument(
-        '--against', type=Path, metavar='SURFACE', help='a second deformed surface: say which '
-        'of the two fits the scan better, if the scan can tell',
-    )  # fmt: skip
-    parser.add_argument(
-        '--surface-unit', default='m', choices=METRES_PER_UNIT, help='unit of --surface and --rest'
-    )
-    parser.add_argument(
-        '--undeformed', type=Path, nargs='+', metavar='SCAN', help='scan of the undeformed '
-        'object: depth of the dent is counted from it',
-    )  # fmt: skip
-    parser.add_argument(
-        '--undeformed-region', type=Path, metavar='SCAN', help='copy of the scan cropped to the '
-        'region that is undeformed: registration uses its points only (default: found from the '
-        'model)',
-    )  # fmt: skip
-    parser.add_argument(
-        '--unit', choices=METRES_PER_UNIT, help='unit of the scan files; inferred from the '
-        'size of the object when left out',
-    )  # fmt: skip
-    parser.add_argument(
-        '--scanner-sigma', type=_positive, default=SCANNER_SIGMA, metavar='M',
-        help='standard deviation of a scan point along the normal [m] (default %(default)s)',
-    )  # fmt: skip
-    parser.add_argument(
-        '--start', type=_start, default=IDENTITY, metavar='POSE', help='pose of the scan in the '
-        'object frame to start from: "x y z qx qy qz qw" [m], or "search" for all rotations '
-        '(default: identity)',
-    )  # fmt: skip
-    parser.add_argument(
-        '--contacts', type=Path, metavar='FILE', help='start from contact points known in both '
-        'frames: text file, six numbers a line, x y z in the scan frame and x y z in the object '
-        'frame [m]',
-    )  # fmt: skip
-    parser.add_argument(
-        '--outlier', type=_positive, metavar='M', help='points further from the surface are '
-        'no part of the object [m] (default: a quarter of its extent)',
-    )  # fmt: skip
-    parser.add_argument('--out', type=Path, metavar='DIR', help='write report files here')
-    parser.add_argument('--json', action='store_true', help='print one JSON document')
-    parser.add_argument('--quiet', action='store_true', help='no progress bar')
-    return parser
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not (np.isfinite(value) and value > 0.0):
-        raise argparse.ArgumentTypeError(f'{text!r} is not a positive length in metres')
-    return value
-
-
-def _start(text: str) -> Pose | None:
-    if text == 'search':
-        return None
-    try:
-        values = np.array([float(word) for word in text.replace(',', ' ').split()])
-    except ValueError:
-        values = np.empty(0)
-    if values.size != 7 or not np.all(np.isfinite(values)) or not np.any(values[3:]):
-        raise argparse.ArgumentTypeError(
-            f'{text!r} is not "x y z qx qy qz qw" with a quaternion, nor "search"'
-        )
-    return Pose(rotation_from_quaternion(values[3:]), values[:3])
 
 
 @contextmanager

@@ -5,6 +5,12 @@ from __future__ import annotations
 import argparse
 import math
 
+DEFAULT_CONTACT_RADIUS_M = 0.001
+"""As `shell_deform.objects` has it, without loading a surface."""
+
+UNITS = ('cm', 'in', 'inch', 'm', 'mm')
+"""Units of files that are read, as `shell_deform.objects.file_mesh` knows them."""
+
 
 def above_zero(text: str) -> float:
     """A finite number above zero."""

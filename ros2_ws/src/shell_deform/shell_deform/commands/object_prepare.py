@@ -18,14 +18,13 @@ from scipy.spatial import cKDTree
 
 from grasp_common.command_line import parse
 from grasp_common.terminal import say
-from shell_deform.commands.arguments import above_zero, not_negative
 from shell_deform.commands.console import CommandError, print_json, run
+from shell_deform.commands.object_prepare_options import build_parser
 from shell_deform.objects import load_object
 from shell_deform.objects.file_mesh import UNIT_M, read_triangles, write_control_mesh
 from shell_deform.objects.object_mesh import EDGES_PER_RADIUS
 from shell_deform.objects.prepare import PreparedScan, prepare, vertex_thickness
 from shell_deform.objects.primitive_fit import capped_share, fitting_primitive
-from shell_deform.objects.shell_object import DEFAULT_CONTACT_RADIUS_M
 from shell_deform.surface import LimitSurface
 from shell_deform.surface.scan_fit import ScanFit
 
@@ -37,90 +36,13 @@ HAND_SIZE_M = (0.02, 0.5)
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prepare one object; 0 done, 1 failed with one sentence, 2 wrong arguments."""
-    parser = _parser()
+    parser = build_parser()
     options = parse('shell_deform', parser, arguments)
     if options.gauge_pressure_pa is not None and options.gas != 'sealed':
         parser.error('--gauge-pressure-pa needs --gas sealed')
     if options.error_m is not None and options.vertices is not None:
         parser.error('give --vertices or --error-m, not both')
     return run('object_prepare', lambda: _prepare(options))
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='object_prepare',
-        description='Make an object file from a scan of the undeformed object: the scan is '
-        'cleaned, oriented, remeshed and fitted by a Loop control mesh whose limit surface is '
-        'the middle of the wall. Primitives need no scan: write their object file by hand.',
-    )
-    parser.add_argument(
-        'scan', type=Path, help='triangles: STL, PLY, OBJ, OFF or VRML 2, also gzipped'
-    )
-    parser.add_argument('--unit', choices=sorted(UNIT_M), required=True, help='unit of the scan')
-    parser.add_argument('--name', help="name of the object (default: the scan file's)")
-    parser.add_argument('--out', type=Path, default=Path(), help='folder for the results')
-    wall = parser.add_mutually_exclusive_group(required=True)
-    wall.add_argument('--thickness-m', type=above_zero, help='wall thickness [m]')
-    wall.add_argument(
-        '--thickness-file',
-        type=Path,
-        help='wall thickness at places: a table of x y z thickness, all in m, comma separated',
-    )
-    parser.add_argument(
-        '--face',
-        choices=['outer', 'middle'],
-        default='outer',
-        help='what the scan shows (default: outer, half the thickness outside the middle)',
-    )
-    parser.add_argument(
-        '--young-modulus-pa', type=above_zero, required=True, help="Young's modulus [Pa]"
-    )
-    parser.add_argument(
-        '--poisson-ratio',
-        type=_poisson,
-        required=True,
-        help="Poisson's ratio, above -1, up to 0.5",
-    )
-    parser.add_argument(
-        '--vertices', type=_count, help='about how many control vertices (default: 640)'
-    )
-    parser.add_argument(
-        '--error-m',
-        type=above_zero,
-        help='instead: as many as leave no more than this systematic error [m]',
-    )
-    parser.add_argument(
-        '--close-holes-m',
-        type=not_negative,
-        help='close holes with a rim up to this length [m] (default: half the size of the '
-        'object); longer rims stay open',
-    )
-    parser.add_argument(
-        '--contact',
-        type=_contact,
-        action='append',
-        default=[],
-        metavar='X,Y,Z[,RADIUS]',
-        help='a pin on the outer face [m], in the frame of the scan; triangles are small there. '
-        f'Its radius is {1e3 * DEFAULT_CONTACT_RADIUS_M:g} mm unless stated. May be repeated',
-    )
-    parser.add_argument(
-        '--gas',
-        choices=['none', 'open', 'sealed'],
-        help='what fills the object (default: not stated, none)',
-    )
-    parser.add_argument(
-        '--gauge-pressure-pa', type=float, metavar='PA', help='of sealed gas, above ambient [Pa]'
-    )
-    parser.add_argument(
-        '--size-m',
-        type=above_zero,
-        metavar='M',
-        help='largest side of the object [m]: the scan must be about that large in its unit '
-        '(default: what a hand can hold, 0.02 to 0.5 m)',
-    )
-    parser.add_argument('--json', action='store_true', help='print one JSON document')
-    return parser
 
 
 def _prepare(options: argparse.Namespace) -> None:
@@ -384,32 +306,6 @@ def _read_thickness(path: Path) -> FloatArray:
             f'has {table.shape[1]}'
         )
     return table
-
-
-def _poisson(text: str) -> float:
-    value = float(text)
-    if not -1.0 < value <= 0.5:
-        raise argparse.ArgumentTypeError(f'{text} is not above -1 and up to 0.5')
-    return value
-
-
-def _count(text: str) -> int:
-    value = int(text)
-    if not 40 <= value <= 100_000:
-        raise argparse.ArgumentTypeError(f'{text} is not between 40 and 100000')
-    return value
-
-
-def _contact(text: str) -> tuple[float, float, float, float]:
-    try:
-        parts = [float(part) for part in text.split(',')]
-    except ValueError:
-        parts = []
-    if len(parts) == 3:
-        parts.append(DEFAULT_CONTACT_RADIUS_M)
-    if len(parts) != 4 or not np.isfinite(parts).all() or parts[3] <= 0.0:
-        raise argparse.ArgumentTypeError(f'{text!r} is not X,Y,Z,RADIUS with a radius above zero')
-    return parts[0], parts[1], parts[2], parts[3]
 
 
 if __name__ == '__main__':

@@ -12,8 +12,8 @@ import numpy as np
 
 from grasp_common.command_line import parse
 from grasp_common.terminal import print_table, say, tracked
-from shell_deform.commands.arguments import above_zero, not_negative
 from shell_deform.commands.console import CommandError, print_json, run
+from shell_deform.commands.shell_identify_options import DEFAULT_SIGMA_GAIN, build_parser
 from shell_deform.identify.dent_profile import DentScan, ThicknessFit, fit_thickness
 from shell_deform.identify.force_curve import ForceCurve
 from shell_deform.identify.modulus import (
@@ -27,22 +27,12 @@ from shell_deform.identify.modulus import (
 )
 from shell_deform.identify.squeeze_table import read_table
 from shell_deform.objects import load_object
-from shell_deform.objects.file_mesh import UNIT_M, read_points
-
-# One count of the 8-bit gauge at 50 mm, as a standard deviation; a twentieth of a millimetre.
-DEFAULT_SIGMA_FORCE_N = 0.06
-DEFAULT_SIGMA_DISPLACEMENT_M = 5e-5
-# A zero that drifts by half a count during a grasp; a calibration with known weights.
-DEFAULT_SIGMA_ZERO_N = 0.1
-DEFAULT_SIGMA_GAIN = 0.01
-# The scanner of the published experiment; what a fit of a dense scan leaves of its place.
-DEFAULT_SCANNER_SIGMA_M = 0.127e-3
-DEFAULT_SIGMA_REGISTRATION_M = 5e-5
+from shell_deform.objects.file_mesh import read_points
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    options = parse('shell_deform', _parser(), arguments)
+    options = parse('shell_deform', build_parser(), arguments)
     return run('shell_identify', lambda: _identify(options))
 
 
@@ -275,63 +265,3 @@ def _plot(path: Path, result: _Result) -> None:
     axes.legend(fontsize='small')
     figure.savefig(path, bbox_inches='tight', metadata={'Software': None})
     plt.close(figure)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='shell_identify',
-        description='Identify the stiffness of a shell from how it was squeezed. SI units.',
-    )
-    parser.add_argument(
-        'data',
-        type=Path,
-        help='CSV with force_n, displacement_m [, sigma_force_n, sigma_displacement_m] per '
-        'contact and perhaps a column headed scan with files, or a bag with hand/contacts that '
-        'carry travel',
-    )
-    parser.add_argument('--object', required=True, help='name or object file; see shell_objects')
-    parser.add_argument('--pin-radius', type=above_zero, metavar='M', help='contact radius [m]')
-    second = parser.add_mutually_exclusive_group()
-    second.add_argument(
-        '--pressure', action='store_true', help='identify the gauge pressure [Pa] too'
-    )
-    second.add_argument(
-        '--thickness', action='store_true',
-        help='identify the wall thickness [m] too, from the scans that the table names, in the '
-        'frame of the object (error.ply of scan_error --out)',
-    )  # fmt: skip
-    parser.add_argument(
-        '--scan-unit', choices=sorted(UNIT_M), default='m', help='of the scans (default m)'
-    )
-    parser.add_argument(
-        '--scanner-sigma', type=above_zero, default=DEFAULT_SCANNER_SIGMA_M, metavar='M',
-        help='noise of a scan point along the normal [m] (default %(default)s)',
-    )  # fmt: skip
-    parser.add_argument(
-        '--sigma-registration', type=above_zero, default=DEFAULT_SIGMA_REGISTRATION_M,
-        metavar='M', help='of a scan at a contact [m] (default %(default)s)',
-    )  # fmt: skip
-    parser.add_argument(
-        '--fit-rows', type=int, metavar='N', help='smallest loads to cross-validate from'
-    )
-    parser.add_argument(
-        '--sigma-force', type=above_zero, default=DEFAULT_SIGMA_FORCE_N, metavar='N',
-        help='gauge uncertainty [N] where the table has none (default %(default)s)',
-    )  # fmt: skip
-    parser.add_argument(
-        '--sigma-displacement', type=above_zero, default=DEFAULT_SIGMA_DISPLACEMENT_M,
-        metavar='M',
-        help='displacement uncertainty [m] where the table has none (default %(default)s)',
-    )  # fmt: skip
-    parser.add_argument(
-        '--sigma-zero', type=not_negative, default=DEFAULT_SIGMA_ZERO_N, metavar='N',
-        help="zero of the gauge, the same error in all rows [N] (default %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        '--sigma-gain', type=not_negative, metavar='SHARE',
-        help="relative uncertainty of the gauge's gain [-] (default: "
-        f'{DEFAULT_SIGMA_GAIN} for a table, what its sigma_n says for a bag)',
-    )  # fmt: skip
-    parser.add_argument('--plot', type=Path, metavar='FILE', help='curves with bands (PNG)')
-    parser.add_argument('--json', action='store_true', help='one JSON document on stdout')
-    return parser

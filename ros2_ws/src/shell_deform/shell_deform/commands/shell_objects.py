@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ import numpy as np
 
 from grasp_common.command_line import parse
 from grasp_common.terminal import complain, print_table
+from shell_deform.commands.shell_objects_options import build_parser
 from shell_deform.objects import (
     ObjectError,
     ShellObject,
@@ -28,7 +28,7 @@ from shell_deform.objects.reference import schema
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the shipped objects, or the given ones; 0 done, 1 an object cannot be read."""
-    options = parse('shell_deform', _parser(), arguments)
+    options = parse('shell_deform', build_parser(), arguments)
     try:
         if options.schema:
             json.dump(schema(), sys.stdout, indent=2)
@@ -47,33 +47,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     else:
         _print_table(shells, described)
     return 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='shell_objects', description='The known thin shells and their numbers.'
-    )
-    parser.add_argument(
-        'objects', nargs='*', metavar='NAME|FILE', help='objects to show (default: all shipped)'
-    )
-    parser.add_argument(
-        '--mesh',
-        action='store_true',
-        help='also build each control mesh and show how well it fits (edges and errors in m)',
-    )
-    parser.add_argument(
-        '--copy', metavar='NAME', help='write the object file of a shipped object to change it'
-    )
-    parser.add_argument(
-        '--out', type=Path, default=Path(), metavar='DIR', help='where --copy writes (default: .)'
-    )
-    parser.add_argument(
-        '--schema',
-        action='store_true',
-        help='print the JSON Schema of object files, by which editors check and complete them',
-    )
-    parser.add_argument('--json', action='store_true', help='print one JSON document')
-    return parser
 
 
 def _copied(name: str, folder: Path, as_json: bool) -> int:

@@ -16,6 +16,7 @@ from grasp_common.command_line import parse
 from grasp_common.terminal import complain, fixed, print_table, significant, tracked
 from shell_deform.building import build_model, object_contacts, with_material
 from shell_deform.commands.console import CommandError, print_json, run
+from shell_deform.commands.shell_solve_options import build_parser
 from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject, load_object
 from shell_deform.picture import surface_figure
@@ -24,7 +25,6 @@ from shell_deform.solve.equilibrium import Equilibrium, displaced, forced
 from shell_deform.solve.first_touch import first_touch
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
 from shell_deform.squeeze import warnings_of
-from shell_deform.theory import AUTO, THEORY_NAMES
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class Solved:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    options = parse('shell_deform', _parser(), arguments)
+    options = parse('shell_deform', build_parser(), arguments)
     return run('shell_solve', lambda: _solve(options))
 
 
@@ -158,65 +158,3 @@ def _print_table(
         f'{shell_object.name}, {theory} theory, {vertices} control vertices, '
         f'{cpu:.2f} s processor time',
     )
-
-
-def _sweep(text: str) -> list[float]:
-    parts = text.split(':')
-    if len(parts) != 3:
-        raise argparse.ArgumentTypeError(f'{text!r}: give START:STOP:STEPS, for example 0:0.01:20')
-    try:
-        start, stop, steps = float(parts[0]), float(parts[1]), int(parts[2])
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f'{text!r}: {error}') from error
-    if steps < 1 or not np.isfinite([start, stop]).all():
-        raise argparse.ArgumentTypeError(f'{text!r}: STEPS must be at least 1, ends finite')
-    return [float(value) for value in np.linspace(start, stop, steps + 1)]
-
-
-def _forces(text: str) -> list[float]:
-    try:
-        values = [float(part) for part in text.split(',')]
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f'{text!r}: {error}') from error
-    if not np.isfinite(values).all():
-        raise argparse.ArgumentTypeError(f'{text!r}: forces must be finite')
-    return values
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not (np.isfinite(value) and value > 0):
-        raise argparse.ArgumentTypeError(f'{text}: must be positive and finite')
-    return value
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='shell_solve',
-        description='Squeeze one object at its contacts and print what it answers. SI units.',
-    )
-    parser.add_argument('--object', required=True, help='name or object file; see shell_objects')
-    load = parser.add_mutually_exclusive_group(required=True)
-    load.add_argument(
-        '--displacement-sweep',
-        type=_sweep,
-        metavar='START:STOP:STEPS',
-        help='displacement of each contact along its inward axis [m], START included',
-    )
-    load.add_argument('--force', type=_forces, metavar='F1,F2,…', help='push per contact [N]')
-    parser.add_argument('--pin-radius', type=_positive, metavar='M', help='contact radius [m]')
-    parser.add_argument('--young', type=_positive, metavar='PA', help="Young's modulus [Pa]")
-    parser.add_argument('--poisson', type=float, metavar='NU', help="Poisson's ratio [-]")
-    parser.add_argument('--thickness', type=_positive, metavar='M', help='wall thickness [m]')
-    parser.add_argument('--vertices', type=int, metavar='N', help='control vertices, about')
-    parser.add_argument(
-        '--theory',
-        choices=(*THEORY_NAMES, AUTO),
-        default='koiter',
-        help='auto: thick where a thin wall is off by more than 2 %%, else koiter',
-    )
-    parser.add_argument('--gas', choices=('none', 'open', 'sealed'), help='air inside')
-    parser.add_argument('--mesh', type=Path, metavar='FILE', help='last surface (PLY, STL, OBJ)')
-    parser.add_argument('--picture', type=Path, metavar='FILE', help='picture of it (PNG)')
-    parser.add_argument('--json', action='store_true', help='one JSON document on stdout')
-    return parser

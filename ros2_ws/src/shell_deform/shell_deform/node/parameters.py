@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from grasp_common import parameter_table
 from grasp_common.parameter_table import Parameter, ParameterError
 from shell_deform.live.pose import PoseError, pose_of
-from shell_deform.live.tick.estimator import Settings
-from shell_deform.live.tick.fusion import DRIVES, ErrorModel
-from shell_deform.objects import ObjectError, load_object
 from shell_deform.theory import AUTO, THEORY_NAMES, is_linear
 
+if TYPE_CHECKING:
+    from shell_deform.live.tick.estimator import Settings
+
+# This table is a usage text, too: what needs the solver is imported where it is used.
+DRIVES = ('force', 'motion', 'fused')
 NONLINEAR = (*(name for name in THEORY_NAMES if not is_linear(name)), AUTO)
 
 PARAMETERS: tuple[Parameter, ...] = (
@@ -92,6 +94,8 @@ def validate(values: Mapping[str, Any]) -> None:
         if 0 < values.get(name, 0) < lowest:
             raise ParameterError(f'{name} is {values[name]}; it must be 0 or at least {lowest:g}')
     if 'object' in values:
+        from shell_deform.objects import ObjectError, load_object
+
         try:
             load_object(values['object'])
         except (ObjectError, OSError) as error:
@@ -105,6 +109,9 @@ def validate(values: Mapping[str, Any]) -> None:
 
 def settings(values: Mapping[str, Any]) -> Settings:
     """Settings of the tick from parameter values."""
+    from shell_deform.live.tick.estimator import Settings
+    from shell_deform.live.tick.fusion import ErrorModel
+
     return Settings(
         errors=ErrorModel(
             drive=str(values['drive']),

@@ -4,6 +4,8 @@ import doctest
 import re
 from pathlib import Path
 
+import pytest
+
 import shell_deform
 
 README = Path(__file__).parents[1] / 'README.md'
@@ -40,3 +42,12 @@ def test_ten_lines_solve_a_squeezed_ball(capsys):
 def test_the_example_in_the_docstring_of_the_package_is_true():
     failed, tried = doctest.testmod(shell_deform)
     assert (failed, tried) == (0, 4)
+
+
+def test_the_example_of_the_page_on_the_factorisation_gives_the_solution():
+    page = Path(__file__).parents[4] / 'docs' / 'factor.md'
+    code = re.search(r'```python\n(.*?)```', page.read_text(), re.DOTALL).group(1)
+    names = {}
+    exec(compile(code, str(page), 'exec'), names)
+    assert names['x'] == pytest.approx([1 / 4, 1 / 5, 1 / 6])
+    assert names['unstable'] is False

@@ -73,6 +73,10 @@ def command(name: str, module: str, usage: str = '') -> Main:
         except ModuleNotFoundError as error:
             complain(name, missing(error))
             return 1
+        except BrokenPipeError:
+            # Whoever read the output (`| head`) has seen enough: nothing can be flushed there.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 128 + signal.SIGPIPE
 
     return main
 

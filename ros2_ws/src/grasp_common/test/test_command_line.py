@@ -62,6 +62,25 @@ def test_an_interrupt_while_it_imports_ends_it_in_silence(tmp_path: Path) -> Non
     assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, '', '')
 
 
+def test_a_reader_that_has_seen_enough_is_no_error(tmp_path: Path) -> None:
+    script(
+        tmp_path, "def main(arguments):\n    for _ in range(100_000):\n        print('x' * 50)\n"
+    )
+    code = (
+        'import sys; from grasp_common.command_line import command\n'
+        "sys.exit(command('small', 'small_program')())"
+    )
+    words = f'{sys.executable} -c "$CODE" | head -1'
+    done = subprocess.run(
+        ['sh', '-c', words],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, 'PYTHONPATH': str(tmp_path), 'CODE': code},
+    )
+    assert (done.stdout, done.stderr) == ('x' * 50 + '\n', '')
+
+
 def test_the_program_itself_may_catch_an_interrupt(tmp_path: Path) -> None:
     script(
         tmp_path,

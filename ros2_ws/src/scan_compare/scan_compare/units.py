@@ -11,7 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-METRES_PER_UNIT = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'um': 1e-6, 'inch': 0.0254, 'ft': 0.3048}
+METRES_PER_UNIT = {
+    **{'m': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'um': 1e-6},
+    **{'inch': 0.0254, 'in': 0.0254, 'ft': 0.3048},
+}
 """Length of one unit of each declarable unit [m]."""
 
 INFERABLE_UNITS = ('mm', 'inch', 'm')

@@ -30,7 +30,9 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument('--name', help="name of the object (default: the scan file's)")
     parser.add_argument('--out', type=Path, default=Path(), help='folder for the results')
     wall = parser.add_mutually_exclusive_group(required=True)
-    wall.add_argument('--thickness-m', type=above_zero, help='wall thickness [m]')
+    wall.add_argument(
+        '--thickness-m', '--thickness', type=above_zero, metavar='M', help='wall thickness [m]'
+    )
     wall.add_argument(
         '--thickness-file',
         type=Path,
@@ -42,15 +44,7 @@ def build_parser() -> argparse.ArgumentParser:
         default='outer',
         help='what the scan shows (default: outer, half the thickness outside the middle)',
     )
-    parser.add_argument(
-        '--young-modulus-pa', type=above_zero, required=True, help="Young's modulus [Pa]"
-    )
-    parser.add_argument(
-        '--poisson-ratio',
-        type=_poisson,
-        required=True,
-        help="Poisson's ratio, above -1, up to 0.5",
-    )
+    _add_material(parser)
     parser.add_argument(
         '--vertices', type=_count, help='about how many control vertices (default: 640)'
     )
@@ -91,6 +85,23 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--json', action='store_true', help='print one JSON document')
     return parser
+
+
+def _add_material(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        *('--young-modulus-pa', '--young'),
+        type=above_zero,
+        required=True,
+        metavar='PA',
+        help="Young's modulus [Pa]",
+    )
+    parser.add_argument(
+        *('--poisson-ratio', '--poisson'),
+        metavar='NU',
+        type=_poisson,
+        required=True,
+        help="Poisson's ratio, above -1, up to 0.5",
+    )
 
 
 def _poisson(text: str) -> float:

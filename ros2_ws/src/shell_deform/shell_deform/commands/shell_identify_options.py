@@ -39,7 +39,7 @@ def build_parser() -> argparse.ArgumentParser:
         '--pressure', action='store_true', help='identify the gauge pressure [Pa] too'
     )
     second.add_argument(
-        '--thickness', action='store_true',
+        *('--fit-thickness', '--thickness'), dest='thickness', action='store_true',
         help='identify the wall thickness [m] too, from the scans that the table names, in the '
         'frame of the object (error.ply of scan_error --out)',
     )  # fmt: skip

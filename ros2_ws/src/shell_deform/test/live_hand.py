@@ -158,6 +158,7 @@ class Observer:
         self.surfaces: list[PointCloud2] = []
         self.linear: list[PointCloud2] = []
         self.nonlinear: list[PointCloud2] = []
+        self.grasps: list[PointCloud2] = []
         self.states: list[str] = []
         self.kinds: list[str] = []
         self.diagnostics: dict[str, str] = {}
@@ -171,12 +172,13 @@ class Observer:
         listen(PointCloud2, 'deformation/surface', self.surfaces.append, many)
         listen(PointCloud2, 'deformation/linear', self.linear.append, many)
         listen(PointCloud2, 'deformation/nonlinear', self.nonlinear.append, many)
+        listen(PointCloud2, 'deformation/grasp', self.grasps.append, many)
         listen(String, 'deformation/state', lambda m: self.states.append(m.data), latched)
         listen(String, 'deformation/answer', lambda m: self.kinds.append(m.data), latched)
         listen(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
         listen(JointState, 'deformation/numbers', self.stamped.append, many)
         scalars = ('linearity', 'contradiction', 'max_displacement', 'nonlinear_age')
-        for name in (*scalars, 'modulus', 'modulus_sigma'):
+        for name in (*scalars, 'modulus', 'modulus_sigma', 'grasp/liftable_mass'):
             listen(Float64, f'deformation/{name}', self._keeper(name), many)
 
     def _keeper(self, name):
@@ -198,7 +200,7 @@ class Observer:
     def clear(self) -> None:
         """Forget everything received."""
         state = self.states[-1:]
-        for kept in (self.surfaces, self.linear, self.nonlinear, self.states):
+        for kept in (self.surfaces, self.linear, self.nonlinear, self.grasps, self.states):
             kept.clear()
         self.states.extend(state)
         self.numbers.clear()

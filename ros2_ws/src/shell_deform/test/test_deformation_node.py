@@ -162,6 +162,30 @@ def test_the_numbers_of_an_answer_carry_its_stamp(node, hand):
     assert {'linearity', 'strain_energy', 'nonlinear_age', 'snap_margin'} < told.keys()
 
 
+def test_every_sample_has_its_grasp_by_field_name(node, hand):
+    hand.stream(
+        squeezed(4e-3, start=1400),
+        lambda: hand.grasps and grasp_of(hand.grasps[-1])['on_deformed_normals'][-1] == 1.0,
+    )
+    last = hand.grasps[-1]
+    rows = grasp_of(last)
+    assert rows['finger'].tolist() == [1.0, 2.0, -1.0]
+    assert last.header.frame_id == 'hand_base'
+    assert rows['closed'][-1] == 1.0
+    push = rows['push'][:2]
+    lifted = 2.0 * rows['friction_given'][-1] * push.mean()
+    assert rows['gravity_capacity'][-1] == pytest.approx(lifted, rel=0.05)
+    assert all(np.all(np.isfinite(rows[name])) for name in rows.dtype.names)
+    wait(hand, lambda: 'grasp/liftable_mass' in hand.numbers)
+    assert hand.numbers['grasp/liftable_mass'] == pytest.approx(lifted / 9.80665, rel=0.1)
+
+
+def grasp_of(message):
+    """Rows of a message of the grasp by field name."""
+    kinds = np.dtype([(field.name, '<f4') for field in message.fields])
+    return np.frombuffer(message.data, kinds)
+
+
 def test_linear_and_nonlinear_answers_part_at_large_dents(node, hand):
     hand.stream(squeezed(6e-3, 18.0), settled(hand, 6e-3))
     hand.stream(squeezed(6e-3, 18.0), lambda: hand.numbers.get('linearity', 0.0) > 0.2)

@@ -98,16 +98,17 @@ def liftable_mass(grasp: GraspContacts, down: Array, origin: Array) -> float:
     return load_capacity(grasp, weight, origin).factor / GRAVITY
 
 
-def bound_of(grasp: GraspContacts, bound: Array, wrench: Array, origin: Array) -> float:
-    """The capacity for `wrench` that the virtual motion `bound` (6,) allows at most.
+def bounds_of(grasp: GraspContacts, bounds: Array, wrenches: Array, origin: Array) -> Array:
+    """(d,) capacities for `wrenches` (d, 6) that virtual motions `bounds` (d, 6) allow at most.
 
     A motion that was the proof for nearly the same contacts gives nearly the same capacity: the
-    difference is of second order. Infinite where the motion says nothing of this load.
+    difference is of second order. Infinite where a motion says nothing of its load.
     """
-    work = -float(wrench @ bound)
-    if not work > 0.0:
-        return np.inf
-    return float(_support(contact_wrenches(grasp, origin, 1.0), grasp, bound)) / work
+    work = -np.einsum('da,da->d', wrenches, bounds)
+    by_contact = np.einsum('da,akf->dkf', bounds, contact_wrenches(grasp, origin, 1.0))
+    across = np.linalg.norm(by_contact[:, :, 1:], axis=2)
+    most = np.maximum(by_contact[:, :, 0] + grasp.friction * across, 0.0) @ grasp.push
+    return np.where(work > 0.0, most / np.where(work > 0.0, work, 1.0), np.inf)
 
 
 def epsilon(

@@ -85,6 +85,8 @@ RESULT = np.dtype(
         ('coarseness', '<f8', MAX_CONTACTS),
         ('rigid', '<f8', MAX_RIGID),
         ('rigid_scale', '<f8'),
+        ('touch_point', '<f8', (MAX_CONTACTS, 3)),
+        ('touch_normal', '<f8', (MAX_CONTACTS, 3)),
         ('reaction', '<f8', 2 * MAX_CONTACTS),
         ('rigid_reaction', '<f8', MAX_RIGID),
         ('displacement_by', '<f8', (MAX_CONTACTS, MAX_INPUTS)),

@@ -22,6 +22,8 @@ from grasp_common.main_node import declare, run_node
 from grasp_common.messages import nanoseconds
 from grasp_common.parameter_table import ParameterError
 from grasp_common.point_cloud import MessageError
+from shell_deform.grasp.cone import ConeError
+from shell_deform.grasp.contacts import GraspError
 from shell_deform.live.background.worker_link import (
     Build,
     WorkerError,
@@ -35,6 +37,7 @@ from shell_deform.live.tick import diagnosis
 from shell_deform.live.tick.contact_cloud import ContactReader
 from shell_deform.live.tick.estimator import Estimator, Served
 from shell_deform.live.tick.first_touch import FirstTouch
+from shell_deform.live.tick.grasp import GraspTick
 from shell_deform.live.tick.health import Arrival, Figures, process_age
 from shell_deform.live.tick.mesh_following import MeshFollower
 from shell_deform.live.tick.modulus import ModulusFilter
@@ -90,6 +93,7 @@ class DeformationNode(Node):
         self._request = empty_request()
         self._reader = ContactReader()
         self._topics = DeformationTopics(self)
+        self._grasp = GraspTick()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._silence = self.create_timer(self.watch.deadline, self._listen, clock=steady)
         self._marker_timer = self.create_timer(MARKER_PERIOD_S, self._show_marker, clock=steady)
@@ -149,6 +153,7 @@ class DeformationNode(Node):
         )
         self._follower.active = bool(values['follow_contacts'])
         self._patience = float(values['wait_for_take_up'])
+        self._grasp.task = parameters.grasp_task(values)
         self._learns = bool(values['estimate_modulus'])
         self._given_frame = str(values['frame'])
         self._marker_rate = float(values['marker_rate'])
@@ -276,6 +281,11 @@ class DeformationNode(Node):
             packed = estimator.nonlinear()
             if packed is not None and estimator.adopted is not None:
                 topics.cloud('nonlinear', packed, estimator.adopted.stamp, self._frame)
+        if topics.grasp_wanted:
+            try:
+                topics.grasp(self._grasp.rows(estimator), served.stamp, self._frame)
+            except (GraspError, ConeError) as error:
+                self.get_logger().error(f'grasp: {error}', throttle_duration_sec=5.0)
         if self._learns and self.modulus is not None:
             self._learn(estimator, self.modulus)
 

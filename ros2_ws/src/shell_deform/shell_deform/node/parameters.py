@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from shell_deform.theory import AUTO, THEORY_NAMES, is_linear
 
 if TYPE_CHECKING:
     from shell_deform.live.tick.estimator import Settings
+    from shell_deform.live.tick.grasp import GraspTask
 
 # This table is a usage text, too: what needs the solver is imported where it is used.
 DRIVES = ('force', 'motion', 'fused')
@@ -78,6 +80,13 @@ PARAMETERS: tuple[Parameter, ...] = (
         0.0,
         600.0,
     ),
+    Parameter('friction', 0.5, 'coefficient of friction at the fingers, an input (-)', 0.0, 10.0),
+    Parameter('friction_sigma', 0.1, 'sigma of friction (-)', 0.0, 10.0),
+    Parameter('normal_sigma', 0.02, 'sigma of the deformed normals (rad)', 0.0, 1.0),
+    Parameter('mass', 0.0, 'mass of the object that the grasp is to lift (kg)', 0.0, 1000.0),
+    Parameter(
+        'gravity', [0.0, 0.0, -1.0], 'direction of its weight in the frame of the contacts (-)'
+    ),
     Parameter('marker_rate', 2.0, 'highest rate of deformation/marker (Hz), 0: never', 0.0, 10.0),
     Parameter('frame', '', 'frame of the answers; empty: that of the contacts'),
 )
@@ -100,6 +109,8 @@ def validate(values: Mapping[str, Any]) -> None:
             load_object(values['object'])
         except (ObjectError, OSError) as error:
             raise ParameterError(f'object: {error}') from error
+    if 'gravity' in values:
+        grasp_task({**{p.name: p.default for p in PARAMETERS}, **values})
     if 'object_pose' in values:
         try:
             pose_of(list(values['object_pose']))
@@ -128,6 +139,23 @@ def settings(values: Mapping[str, Any]) -> Settings:
             default_travel=float(values['travel_sigma']),
         ),
         default_radius=float(values['pin_radius']),
+    )
+
+
+def grasp_task(values: Mapping[str, Any]) -> GraspTask:
+    """What the grasp is for, from parameter values; raises ParameterError."""
+    from shell_deform.live.tick.grasp import GraspTask
+
+    down = [float(one) for one in values['gravity']]
+    size = math.hypot(*down) if len(down) == 3 else 0.0
+    if not (math.isfinite(size) and size > 0.0):
+        raise ParameterError(f'gravity is {down}; a direction of three numbers is needed')
+    return GraspTask(
+        float(values['friction']),
+        float(values['friction_sigma']),
+        float(values['normal_sigma']),
+        float(values['mass']),
+        (down[0] / size, down[1] / size, down[2] / size),
     )
 
 

@@ -19,6 +19,7 @@ from visualization_msgs.msg import Marker
 from grasp_common.main_node import status_name
 from grasp_common.messages import diagnostics, named_numbers, number
 from shell_deform.live.tick.estimator import Served
+from shell_deform.live.tick.grasp import GRASP_FIELDS, PLOTTED
 from shell_deform.live.tick.modulus import ModulusEstimate
 from shell_deform.live.tick.serve_kernel import FIELDS, NONLINEAR_FIELDS
 from shell_deform.live.tick.states import LiveState
@@ -49,6 +50,9 @@ class DeformationTopics:
         self._answer_shown = ''
         self._clouds = {name: self._make(PointCloud2, name) for name in CLOUDS}
         self._scalars = {name: self._make(Float64, name) for name in SCALARS}
+        self._grasp = self._make(PointCloud2, 'grasp')
+        self._grasp_writers: dict[int, messages.SurfaceWriter] = {}
+        self._grasp_scalars = {name: self._make(Float64, f'grasp/{name}') for name in PLOTTED}
         self._numbers = self._make(JointState, 'numbers')
         self._modulus = self._make(Float64, 'modulus')
         self._modulus_sigma = self._make(Float64, 'modulus_sigma')
@@ -78,6 +82,22 @@ class DeformationTopics:
     def cloud(self, name: str, packed: NDArray[np.float32], stamp: int, frame: str) -> None:
         """One packed surface on the cloud `name`."""
         self._clouds[name].publish(self._writers[name].message(packed, stamp, frame))
+
+    @property
+    def grasp_wanted(self) -> bool:
+        """Whether somebody listens to the measures of the grasp."""
+        listened = (self._grasp, *self._grasp_scalars.values())
+        return any(publisher.get_subscription_count() for publisher in listened)
+
+    def grasp(self, packed: NDArray[np.float32], stamp: int, frame: str) -> None:
+        """The measures of one grasp: a row a finger, then one for the whole."""
+        rows = len(packed)
+        if rows not in self._grasp_writers:
+            self._grasp_writers[rows] = messages.SurfaceWriter(rows, GRASP_FIELDS)
+        self._grasp.publish(self._grasp_writers[rows].message(packed, stamp, frame))
+        for name, publisher in self._grasp_scalars.items():
+            if publisher.get_subscription_count():
+                publisher.publish(number(float(packed[-1, GRASP_FIELDS.index(name)])))
 
     def numbers(self, served: Served) -> None:
         """The numbers of one answer: each alone for plotting, and all with the answer's stamp."""

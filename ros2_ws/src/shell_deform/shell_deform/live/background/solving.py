@@ -10,6 +10,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.grasp.reading import surface_normals
 from shell_deform.live.background.condensed import HELD_ROWS, Condensed, ContactRows, contact_rows
 from shell_deform.live.background.contact_tracking import ContactTracker, Touch
 from shell_deform.live.background.energy_density import EnergyDensity
@@ -206,6 +207,7 @@ class LiveSolver:
         record['contacts'], record['rigid_count'] = k, r
         record['share'] = self.share
         driven = self._driven(load)
+        point, normal = surface_normals(self.model, self.contacts.patches, tracker.positions)
         record['stable'] = int(system.negative_modes_driven(driven) == 0)
         record['snap_margin'] = self._snap_margin(system.compliance)
         record['energy'] = tracker.state.energy
@@ -222,6 +224,8 @@ class LiveSolver:
             ('coarseness', [c.coarseness for c in self.contacts.contacts]),
             ('lateral', [d for c in self.contacts.contacts for d in c.patch.lateral]),
             ('rigid', here.rigid),
+            ('touch_point', point),
+            ('touch_normal', normal),
             ('reaction', -tracker.state.multipliers[rows.lateral_columns]),
             ('rigid_reaction', -tracker.state.multipliers[HELD_ROWS * k :]),
         ):

@@ -1,0 +1,204 @@
+"""The grasp of every sample: which fingers slip when, whether it closes, what it lifts.
+
+On the deformed normals of the last equilibrium, with the pushes of this sample. No gauge sees
+tangential forces: they are values of the model, and friction is an input; the names of the fields
+say so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.grasp.capacity import DIRECTIONS, GRAVITY, bounds_of, load_capacity
+from shell_deform.grasp.closure import Closure, closure
+from shell_deform.grasp.cone import ConeError
+from shell_deform.grasp.contacts import UNIFORM_ARM, GraspContacts, contacts
+from shell_deform.grasp.margins import margins
+from shell_deform.grasp.probability import Sigmas, closure_probability, closure_sigma
+from shell_deform.grasp.window import Limits, squeeze_window
+from shell_deform.live.tick.estimator import Estimator
+
+Array = NDArray[np.float64]
+
+WHOLE = -1
+"""Number of the finger in the row of the whole grasp."""
+
+REFRESHED = 1
+"""Directions whose capacity is found anew at every sample; old proofs still bound the others."""
+
+FINGER_FIELDS = (
+    'x', 'y', 'z', 'nx', 'ny', 'nz', 'push', 'tangential_modelled', 'needed_angle',
+    'slip_margin', 'slip_margin_sigma', 'soft_margin',
+)  # fmt: skip
+GRASP_ONLY = (
+    'closed', 'closure_probability', 'needed_friction', 'needed_friction_sigma',
+    'gravity_capacity', 'worst_capacity', 'liftable_mass', 'least_push', 'most_push',
+    'snap_margin', 'friction_given', 'friction_sigma_given', 'mass_given', 'on_deformed_normals',
+)  # fmt: skip
+GRASP_FIELDS = ('finger', *FINGER_FIELDS, *GRASP_ONLY)
+PLOTTED = ('needed_friction', 'closure_probability', 'liftable_mass', 'least_push')
+
+
+@dataclass(frozen=True)
+class GraspTask:
+    """What the grasp is for: friction and its sigma [-], sigma of the normals [rad], mass [kg].
+
+    `down`: unit direction of the weight in the frame of the contacts.
+    """
+
+    friction: float = 0.5
+    friction_sigma: float = 0.1
+    normal_sigma: float = 0.02
+    mass: float = 0.0
+    down: tuple[float, float, float] = (0.0, 0.0, -1.0)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Contacts of a sample with the sigmas of push and tangential force (k,) [N].
+
+    `deformed`: whether normals and tangential forces are those of an equilibrium.
+    """
+
+    finger: NDArray[np.int64]
+    grasp: GraspContacts
+    push_sigma: Array
+    tangential_sigma: Array
+    deformed: bool
+
+
+class GraspTick:
+    """Measures of one sample after the other; what the last one proved saves the next one time."""
+
+    def __init__(self) -> None:
+        self.task = GraspTask()
+        self._fingers: tuple[int, ...] = ()
+        self._needed: float | None = None
+        self._bounds = np.zeros((len(DIRECTIONS), 6))
+        self._next = 0
+
+    def rows(self, estimator: Estimator) -> NDArray[np.float32]:
+        """(k + 1, f) float32 of `GRASP_FIELDS`: one row a finger, the last for the whole grasp.
+
+        Fields that say nothing of a row are zero there. `closed` is 1 or 0, as `closure` has it.
+        """
+        task, seen = self.task, contacts_of(estimator, self.task)
+        grasp, count = seen.grasp, seen.grasp.count
+        if tuple(seen.finger.tolist()) != self._fingers:
+            self._fingers, self._needed = tuple(seen.finger.tolist()), None
+            self._bounds[:] = 0.0
+        packed = np.zeros((count + 1, len(GRASP_FIELDS)), np.float32)
+        pose = estimator.pose_in_use
+        centre = pose.rotation @ estimator.rest.mean(axis=0) + pose.translation
+        own = margins(grasp, seen.push_sigma, seen.tangential_sigma, task.friction_sigma)
+        packed[:count, 0] = seen.finger
+        packed[:count, 1:4], packed[:count, 4:7] = grasp.point, grasp.normal
+        packed[:count, 7] = grasp.push
+        packed[:count, 8] = np.linalg.norm(grasp.tangential, axis=1)
+        packed[:count, 9] = own.needed_angle
+        packed[:count, 10], packed[:count, 11] = own.slip_margin, own.slip_sigma
+        packed[:count, 12] = own.soft_margin
+        packed[-1, 0] = WHOLE
+        packed[-1, 1:4] = centre
+        packed[-1, 1 + len(FINGER_FIELDS) :] = self._whole(estimator, seen, centre)
+        return packed
+
+    def _whole(self, estimator: Estimator, seen: Seen, centre: Array) -> tuple[float, ...]:
+        task, grasp = self.task, seen.grasp
+        found = closure(grasp, self._needed)
+        self._needed = found.needed if len(found.squeeze) else None
+        lifted, worst = self._capacities(grasp, centre)
+        snap = 1.0
+        if seen.deformed and estimator.adopted is not None:
+            snap = estimator.adopted.snap_margin
+        push = float(grasp.push.mean()) if grasp.count else 0.0
+        window = squeeze_window(push, lifted / GRAVITY, task.mass, Limits(snap_margin=snap))
+        told, sigma = self._sure(grasp, found)
+        return (
+            float(found.closed), told, found.needed_friction(grasp), sigma, lifted, worst,
+            window.liftable, window.least, window.most, snap, task.friction, task.friction_sigma,
+            task.mass, float(seen.deformed),
+        )  # fmt: skip
+
+    def _sure(self, grasp: GraspContacts, found: Closure) -> tuple[float, float]:
+        """Probability of closure, and the sigma of the friction that it needs."""
+        if not len(found.squeeze):
+            return 0.0, 0.0
+        task = self.task
+        spread = np.full(grasp.count, task.normal_sigma)
+        relative = task.friction_sigma / max(task.friction, 1e-9)
+        sigmas = Sigmas(np.zeros(grasp.count), spread, relative)
+        own = Sigmas(np.zeros(grasp.count), spread, 0.0)
+        sigma = task.friction * closure_sigma(grasp, found, own)
+        return closure_probability(grasp, found, sigmas), sigma
+
+    def _capacities(self, grasp: GraspContacts, centre: Array) -> tuple[float, float]:
+        """Weight that the squeeze carries, and the worst force of 26 directions [N]."""
+        if grasp.count < 2:
+            return 0.0, 0.0
+        wrenches = np.concatenate([DIRECTIONS, np.zeros_like(DIRECTIONS)], axis=1)
+        known = np.any(self._bounds != 0.0, axis=1)
+        anew = [(self._next + i) % len(DIRECTIONS) for i in range(REFRESHED)]
+        self._next = (self._next + REFRESHED) % len(DIRECTIONS)
+        if not known.all():
+            anew = np.flatnonzero(~known).tolist()
+        try:
+            for number in anew:
+                found = load_capacity(grasp, wrenches[number], centre)
+                self._bounds[number] = found.bound
+            down = np.append(self.task.down, np.zeros(3))
+            lifted = load_capacity(grasp, down, centre).factor
+        except ConeError:
+            return 0.0, 0.0
+        most = bounds_of(grasp, self._bounds, wrenches, centre)
+        worst = float(most.min())
+        return lifted, worst if np.isfinite(worst) else 0.0
+
+
+def contacts_of(estimator: Estimator, task: GraspTask) -> Seen:
+    """The contacts of the last tick in the frame of the contacts.
+
+    Before an equilibrium of these fingers is known: points and normals as the hand gives them, and
+    no tangential force.
+    """
+    sample, adopted, posterior = estimator.sample, estimator.adopted, estimator.posterior
+    if adopted is None or posterior is None or not len(adopted.fingers):
+        if sample is None:
+            nothing = np.zeros((0, 3))
+            grasp = contacts(nothing, nothing, 0.0, task.friction)
+            return Seen(np.zeros(0, np.int64), grasp, np.zeros(0), np.zeros(0), False)
+        grasp = contacts(
+            sample.point,
+            sample.normal / np.linalg.norm(sample.normal, axis=1)[:, None],
+            sample.push,
+            task.friction,
+            UNIFORM_ARM * sample.radius,
+        )
+        unseen = np.zeros(grasp.count)
+        known = np.where(np.isfinite(sample.sigma_normal), sample.sigma_normal, 1e3)
+        return Seen(sample.finger, grasp, known, unseen, False)
+    pose, response = estimator.pose_in_use, adopted.response
+    k = len(adopted.fingers)
+    push = response.force + posterior.inputs[:k]
+    lateral = response.reaction + response.reaction_by @ posterior.inputs
+    force = push[:, None] * adopted.axis
+    force += (lateral[:, None] * response.lateral).reshape(k, 2, 3).sum(axis=1)
+    normal = adopted.touch_normal @ pose.rotation.T
+    force = force @ pose.rotation.T
+    radius = np.full(k, estimator.settings.default_radius)
+    if sample is not None and len(sample.finger) == k:
+        radius = sample.radius
+    grasp = contacts(
+        adopted.touch_point @ pose.rotation.T + pose.translation,
+        normal / np.linalg.norm(normal, axis=1)[:, None],
+        np.einsum('ki,ki->k', force, normal),
+        task.friction,
+        UNIFORM_ARM * radius,
+        force,
+    )
+    sigma = np.linalg.norm(posterior.root[:k], axis=1)
+    across = np.linalg.norm(response.reaction_by @ posterior.root, axis=1).reshape(k, 2)
+    return Seen(adopted.fingers, grasp, sigma, np.linalg.norm(across, axis=1), True)

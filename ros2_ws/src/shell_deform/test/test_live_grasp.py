@@ -1,0 +1,97 @@
+"""The grasp beside the tick: rows by field name, on deformed normals, always numbers."""
+
+from dataclasses import replace
+from time import perf_counter
+
+import live_hand
+import numpy as np
+import pytest
+from live_hand import SURE
+
+from shell_deform.live.tick.grasp import GRASP_FIELDS, WHOLE, GraspTask, GraspTick
+from shell_deform.theory.gas import Gas
+
+R, H = 31.25e-3, 2.5e-3
+OUTER = R + 0.5 * H
+
+
+@pytest.fixture(scope='module')
+def pipeline(sphere):
+    model = sphere(R, H, subdivisions=2, young=12.75e6, gas=Gas('sealed'))
+    return live_hand.pipeline(model, replace(SURE, drive='motion'))
+
+
+def opposed(depth, stamp=1):
+    return live_hand.opposed([15.0, 15.0], [depth, depth], OUTER, radius=3e-3, stamp=stamp)
+
+
+def column(rows, name):
+    return rows[:, GRASP_FIELDS.index(name)]
+
+
+def test_a_row_a_finger_and_one_for_the_whole(pipeline):
+    pipeline.settle(opposed(4e-3), rounds=3)
+    tick = GraspTick()
+    tick.task = GraspTask(friction=0.4, mass=0.058, down=(0.0, 0.0, -1.0))
+    rows = tick.rows(pipeline.estimator)
+    assert rows.shape == (3, len(GRASP_FIELDS))
+    assert column(rows, 'finger').tolist() == [1.0, 2.0, WHOLE]
+    assert np.all(np.isfinite(rows))
+    assert column(rows, 'closed')[-1] == 1.0
+    assert column(rows, 'on_deformed_normals')[-1] == 1.0
+    assert column(rows, 'closure_probability')[-1] > 0.99
+    push = column(rows, 'push')[:2]
+    # Two pins face to face lift twice the friction of one.
+    assert column(rows, 'gravity_capacity')[-1] == pytest.approx(2.0 * 0.4 * push.mean(), rel=0.02)
+    lifted = column(rows, 'liftable_mass')[-1]
+    assert column(rows, 'least_push')[-1] == pytest.approx(push.mean() * 0.058 / lifted, rel=1e-4)
+
+
+def test_the_worst_direction_is_found_at_once_and_kept_up_to_date(pipeline):
+    tick = GraspTick()
+    pipeline.settle(opposed(3e-3), rounds=3)
+    first = tick.rows(pipeline.estimator)
+    for stamp in range(5):
+        pipeline.tick(opposed(3e-3 + 2e-5 * stamp, stamp + 2))
+        rows = tick.rows(pipeline.estimator)
+    anew = GraspTick().rows(pipeline.estimator)
+    worst = column(rows, 'worst_capacity')[-1]
+    assert worst == pytest.approx(column(anew, 'worst_capacity')[-1], rel=1e-2)
+    assert column(first, 'worst_capacity')[-1] <= column(first, 'gravity_capacity')[-1] + 1e-4
+
+
+def test_nothing_in_the_hand_is_no_grasp_and_no_nan(sphere):
+    model = sphere(R, H, subdivisions=2, young=12.75e6)
+    hand = live_hand.pipeline(model, SURE)
+    rows = GraspTick().rows(hand.estimator)
+    assert rows.shape == (1, len(GRASP_FIELDS))
+    assert np.all(np.isfinite(rows))
+    assert column(rows, 'closed')[-1] == 0.0
+    assert column(rows, 'liftable_mass')[-1] == 0.0
+
+
+@pytest.mark.parametrize('friction', [0.0, 10.0])
+@pytest.mark.parametrize('mass', [-1.0, 0.0])
+def test_absurd_tasks_give_numbers(pipeline, friction, mass):
+    pipeline.settle(opposed(2e-3), rounds=2)
+    tick = GraspTick()
+    tick.task = GraspTask(friction=friction, mass=mass)
+    rows = tick.rows(pipeline.estimator)
+    assert np.all(np.isfinite(rows))
+    assert column(rows, 'closed')[-1] == float(friction > 0.0)
+
+
+def test_the_grasp_adds_little_to_a_tick(pipeline):
+    """A guard on a busy machine; `docs` has the figure of a quiet one."""
+    pipeline.settle(opposed(4e-3), rounds=3)
+    tick = GraspTick()
+    tick.task = GraspTask(mass=0.058)
+    for _ in range(30):
+        tick.rows(pipeline.estimator)
+    times = []
+    for _ in range(100):
+        began = perf_counter()
+        tick.rows(pipeline.estimator)
+        times.append(perf_counter() - began)
+    print(f'grasp: {1e3 * np.median(times):.3f} ms')
+    assert np.median(times) < 3e-3

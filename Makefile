@@ -13,7 +13,7 @@ SOURCES := $(addprefix ros2_ws/src/,$(PACKAGES))
 EDITABLE := $(addprefix -e ./,$(SOURCES))
 SETUPS := $(addsuffix /setup.py,$(SOURCES))
 
-.PHONY: help setup demo test test-cell soak bench bench-peers bags pictures tables docs lock lint clean
+.PHONY: help setup demo test test-cell soak mutants bench bench-peers bags pictures tables docs lock lint clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 20
@@ -47,6 +47,9 @@ test-cell: .venv-cell/.ready  ## the tests again with the numpy and scipy of Ubu
 
 soak: setup  ## the long figures: 10^6 mutations, 10-minute runs, 200 seeds; table in docs/
 	@$(BIN)/python tests/soak.py
+
+mutants: setup  ## 100 small changes of the code, sampled by a seed: do the tests see them?
+	@$(BIN)/python tests/mutants.py --count 100 --seed 1
 
 bench: setup  ## performance and fidelity tables, side by side with the peers that are installed
 	@$(BIN)/python tests/benchmarks/run.py

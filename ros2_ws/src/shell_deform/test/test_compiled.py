@@ -84,3 +84,21 @@ def test_without_any_cache_that_can_be_written_kernels_work_and_a_warning_says_s
     assert stress == 3.0
     assert warnings.count('set NUMBA_CACHE_DIR to a folder that can') == 1
     assert not any(unwritable.rglob('*.nbi'))
+
+
+def test_without_the_compiler_everything_is_imported_and_solved_in_plain_numpy():
+    script = (
+        'from shell_deform.compiled.cache import HAVE_NUMBA\n'
+        'from shell_deform.verification.linear_course import scordelis_lo\n'
+        'print(HAVE_NUMBA, scordelis_lo(4).value)\n'
+    )
+    environment = os.environ | {'NUMBA_DISABLE_JIT': '1'}
+    done = subprocess.run(
+        [sys.executable, '-c', script],
+        capture_output=True, text=True, env=environment, check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    compiled, value = done.stdout.split()
+    assert compiled == 'False'
+    assert 0.2 < float(value) < 0.4
+    assert 'not installed' not in done.stderr

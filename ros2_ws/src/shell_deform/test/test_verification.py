@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from conftest import sphere_mesh
 from numpy.polynomial.legendre import Legendre
 
@@ -10,6 +11,7 @@ from shell_deform.model import ShellModel
 from shell_deform.solve.equilibrium import LoadCase
 from shell_deform.surface.control_mesh import control_mesh, moved
 from shell_deform.surface.limit import LimitSurface
+from shell_deform.surface.loop_basis import quadrature_basis
 from shell_deform.theory.material import Material
 from shell_deform.verification import closed_forms, linear_course, spheres, sze
 from shell_deform.verification.problem import Verified
@@ -171,11 +173,38 @@ def test_uniform_stretch_of_a_random_irregular_mesh_is_exact(theory):
     assert energy == pytest.approx(exact, rel=1e-9)
 
 
-def test_bending_of_a_random_irregular_mesh_is_off_by_a_stated_few_percent():
-    mesh = irregular_patch()
+def parabola_energy_error(mesh, control):
+    """Bending energy of control points over that of the parabola z = x^2 / (2 R), less one."""
     shell = discretise(mesh, Material(1e6, 0.0), 0.1)
-    radius = 1e5
+    exact = 0.5 * 1e6 * 0.1**3 / 12.0 / BEND_RADIUS**2 * shell.area
+    return shell.energy('koiter', control) / exact - 1.0
+
+
+BEND_RADIUS = 1e5
+
+
+def test_control_points_on_a_parabola_bend_an_irregular_net_by_a_fifth_too_little():
+    # Subdivision reproduces a parabola on a regular net only: at vertices of other valence or
+    # shaken places the limit surface of control points on one is flatter.
+    mesh = irregular_patch()
     bent = mesh.vertices.copy()
-    bent[:, 2] = 0.5 * bent[:, 0] ** 2 / radius
-    exact = 0.5 * 1e6 * 0.1**3 / 12.0 / radius**2 * shell.area
-    assert shell.energy('koiter', bent) == pytest.approx(exact, rel=0.2)
+    bent[:, 2] = 0.5 * bent[:, 0] ** 2 / BEND_RADIUS
+    assert parabola_energy_error(mesh, bent) == pytest.approx(-0.187, abs=0.01)
+
+
+def test_the_patch_test_of_bending_is_not_passed_on_an_irregular_net():
+    # The limit surface as near to the parabola as the net allows: what is left is the net's own.
+    # Loop surfaces of arbitrary connectivity hold all linear, not all quadratic, functions (the
+    # curvature at extraordinary vertices is not reproduced): the bending patch test of a shaken
+    # net with vertices of valence 4 to 8 misses by 7 % of the energy.
+    mesh = irregular_patch()
+    basis = quadrature_basis(mesh, 12)
+    offsets = basis.node_offsets
+    nodes = np.concatenate([basis.nodes[offsets[e] : offsets[e + 1]] for e in basis.element])
+    size = (len(basis.parameters), len(mesh.vertices))
+    rows = sp.csr_matrix((basis.values, nodes, basis.row_offsets), shape=size).toarray()
+    height = 0.5 * (rows @ mesh.vertices[:, 0]) ** 2 / BEND_RADIUS
+    bent = mesh.vertices.copy()
+    bent[:, 2] = np.linalg.lstsq(rows, height, rcond=None)[0]
+    assert np.abs(rows @ bent[:, 2] - height).max() < 3e-3 * height.max()
+    assert parabola_energy_error(mesh, bent) == pytest.approx(-0.0705, abs=0.01)

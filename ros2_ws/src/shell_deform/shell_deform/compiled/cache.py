@@ -14,13 +14,17 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import os
 import warnings
 from importlib.metadata import version
 from pathlib import Path
 
-HAVE_NUMBA = importlib.util.find_spec('numba') is not None
+# NUMBA_DISABLE_JIT=1 asks for code that can be stepped through, covered and changed at no cost:
+# the plain twins.
+DISABLED = os.environ.get('NUMBA_DISABLE_JIT', '0') not in ('', '0')
+HAVE_NUMBA = importlib.util.find_spec('numba') is not None and not DISABLED
 
-if not HAVE_NUMBA:  # pragma: no cover - numba is there in every locked environment
+if not HAVE_NUMBA and not DISABLED:  # pragma: no cover - every locked environment has numba
     warnings.warn(
         'numba is not installed: shell_deform works with plain numpy and promises no latency; '
         'install numba for live use',

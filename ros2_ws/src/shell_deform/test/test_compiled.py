@@ -102,3 +102,21 @@ def test_without_the_compiler_everything_is_imported_and_solved_in_plain_numpy()
     assert compiled == 'False'
     assert 0.2 < float(value) < 0.4
     assert 'not installed' not in done.stderr
+
+
+def test_what_compiles_ends_with_a_parent_that_is_killed():
+    code = (
+        'import os, signal, time\n'
+        'from shell_deform.compiled.first_use import end_with_parent\n'
+        'if os.fork() == 0:\n'
+        '    end_with_parent()\n'
+        '    print("child", flush=True)\n'
+        '    time.sleep(60)\n'
+        'else:\n'
+        '    time.sleep(60)\n'
+    )
+    parent = subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout.readline() == 'child\n'
+    parent.kill()
+    # The pipe ends with the last process that holds it.
+    assert parent.communicate(timeout=10)[0] == ''

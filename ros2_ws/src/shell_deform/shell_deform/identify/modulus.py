@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from shell_deform.building import with_material
 from shell_deform.identify.dent_profile import NINETY_PERCENT, ThicknessFit, interval_above_zero
@@ -142,64 +142,94 @@ def identify(
     if pressure and len(data.force) < 2:
         raise IdentificationError('one row fixes one parameter; give two rows for the pressure')
     young, gauge = start or (shell_object.young_modulus_pa, shell_object.gas.gauge_pressure_pa)
-    known_gauge = gauge
-    scale = max(shell_object.gas.ambient_pa, 1.0)
-    wanted = 2 if pressure else 1
-    # measured = (1 + gain) model + zero; both have a prior of width one in these units
-    shared = [data.sigma_zero > 0.0, data.sigma_gain > 0.0]
-    priors = sum(shared)
+    problem = _Problem(curve, data, pressure, gauge)
+    return _identified(problem, _fitted(problem, young, gauge))
 
-    known: dict[tuple[float, float], Array] = {}
 
-    def model_force(parameters: Array) -> tuple[Array, Array]:
-        e = float(np.exp(parameters[0]))
-        p = float(parameters[1]) * scale if pressure else known_gauge
-        if (e, p) not in known:
-            known[e, p] = curve.force(data.displacement, e, p)
-        return known[e, p], parameters[wanted:]
+class _Problem:
+    """Residuals of the measured forces, and their derivatives.
 
-    def residual(parameters: Array, sigma: Array) -> Array:
-        force, nuisance = model_force(parameters)
-        zero, gain = _shared(nuisance, shared)
-        expected = force * (1.0 + gain * data.sigma_gain) + zero * data.sigma_zero
-        return np.concatenate([(expected - data.force) / sigma, nuisance])
+    Parameters are the logarithm of the modulus, with `pressure` the gauge pressure over the
+    ambient one, and, as nuisance parameters with a prior of width one, zero and gain of the gauge:
+    measured = (1 + gain) model + zero.
+    """
 
-    def jacobian(parameters: Array, sigma: Array) -> Array:
-        # Differences of what needs the solver only, by steps that do not vanish with the value.
-        force, nuisance = model_force(parameters)
-        gain = _shared(nuisance, shared)[1]
+    def __init__(
+        self, curve: ForceCurve, data: SqueezeData, pressure: bool, known_gauge: float
+    ) -> None:
+        self.curve, self.data, self.pressure = curve, data, pressure
+        self.scale = max(curve.shell_object.gas.ambient_pa, 1.0)
+        self.wanted = 2 if pressure else 1
+        self.shared = [data.sigma_zero > 0.0, data.sigma_gain > 0.0]
+        self._known_gauge = known_gauge
+        self._solved: dict[tuple[float, float], Array] = {}
+
+    def force(self, parameters: Array) -> Array:
+        """(n,) of the model at the measured displacements [N]; solved once per parameters."""
+        young = float(np.exp(parameters[0]))
+        gauge = float(parameters[1]) * self.scale if self.pressure else self._known_gauge
+        if (young, gauge) not in self._solved:
+            self._solved[young, gauge] = self.curve.force(self.data.displacement, young, gauge)
+        return self._solved[young, gauge]
+
+    def nuisance(self, parameters: Array) -> tuple[float, float]:
+        """Zero and gain in units of their priors, 0 where the data have no such error."""
+        values = iter(parameters[self.wanted :].tolist())
+        zero = next(values) if self.shared[0] else 0.0
+        return zero, next(values) if self.shared[1] else 0.0
+
+    def residual(self, parameters: Array, sigma: Array) -> Array:
+        """(n + priors,) normalised by sigma (n,) [N]."""
+        zero, gain = self.nuisance(parameters)
+        force = self.force(parameters)
+        expected = force * (1.0 + gain * self.data.sigma_gain) + zero * self.data.sigma_zero
+        return np.concatenate([(expected - self.data.force) / sigma, parameters[self.wanted :]])
+
+    def jacobian(self, parameters: Array, sigma: Array) -> Array:
+        """Derivative of the residual; by differences only of what needs the solver."""
+        # The steps of the differences do not vanish with the value.
+        force, gain = self.force(parameters), self.nuisance(parameters)[1]
         columns = []
-        for step in DIFFERENCE * np.eye(len(parameters))[:wanted]:
-            moved = model_force(parameters + step)[0]
-            columns.append((1.0 + gain * data.sigma_gain) * (moved - force) / DIFFERENCE)
-        of_shared = np.full_like(force, data.sigma_zero), data.sigma_gain * force
-        columns += [column for column, there in zip(of_shared, shared, strict=True) if there]
-        prior = np.eye(len(parameters))[wanted:]
+        for step in DIFFERENCE * np.eye(len(parameters))[: self.wanted]:
+            moved = self.force(parameters + step)
+            columns.append((1.0 + gain * self.data.sigma_gain) * (moved - force) / DIFFERENCE)
+        of_shared = np.full_like(force, self.data.sigma_zero), self.data.sigma_gain * force
+        columns += [column for column, there in zip(of_shared, self.shared, strict=True) if there]
+        prior = np.eye(len(parameters))[self.wanted :]
         return np.concatenate([np.stack(columns, axis=1) / sigma[:, None], prior])
 
-    first = [np.log(young)] + [gauge / scale] * pressure + [0.0] * priors
+
+def _fitted(problem: _Problem, young: float, gauge: float) -> OptimizeResult:
+    """The least squares about the best values."""
+    data, pressure, priors = problem.data, problem.pressure, sum(problem.shared)
+    first = [np.log(young)] + [gauge / problem.scale] * pressure + [0.0] * priors
     low = [-np.inf] + [-0.5] * pressure + [-np.inf] * priors
     high = [np.inf] + [10.0] * pressure + [np.inf] * priors
     for _ in range(PASSES):
         # what an error of the displacement means in force grows with the modulus
-        slope = _slope(curve, data, young, gauge)
+        slope = _slope(problem.curve, data, young, gauge)
         sigma = np.hypot(data.sigma_force, slope * data.sigma_displacement)
         fit = least_squares(
-            residual, first, jacobian, xtol=1e-8, ftol=1e-10, x_scale='jac',
+            problem.residual, first, problem.jacobian, xtol=1e-8, ftol=1e-10, x_scale='jac',
             bounds=(low, high), args=(sigma,),
         )  # fmt: skip
         before, young = young, float(np.exp(fit.x[0]))
-        gauge, first = float(fit.x[1]) * scale if pressure else gauge, fit.x
+        gauge, first = float(fit.x[1]) * problem.scale if pressure else gauge, fit.x
         if abs(np.log(young / before)) < SLOPE_TOLERANCE:
             break
+    return fit
+
+
+def _identified(problem: _Problem, fit: OptimizeResult) -> Identified:
+    """Values, their covariance with the nuisance parameters eliminated, and what they mean."""
+    data, wanted, curve = problem.data, problem.wanted, problem.curve
+    shell_object = curve.shell_object
     covariance = np.linalg.pinv(fit.jac.T @ fit.jac)[:wanted, :wanted]
     free = max(1, len(data.force) - wanted)
     deviation = np.sqrt(np.diag(covariance))
-    values = np.array([np.exp(fit.x[0]), *(scale * fit.x[1:wanted])])
-    sigmas = deviation * np.array([values[0], scale][:wanted])
+    values = np.array([np.exp(fit.x[0]), *(problem.scale * fit.x[1:wanted])])
+    sigmas = deviation * np.array([values[0], problem.scale][:wanted])
     correlation = covariance / np.outer(deviation, deviation)
-    force, nuisance = model_force(fit.x)
-    zero = _shared(nuisance, shared)[0] * data.sigma_zero
     excess = excess_stiffness(curve.thickness_over_radius)
     # anything between none and all of the excess, since it fades in deep dents
     solid = float(values[0]) * (1.0 + 0.5 * excess)
@@ -209,21 +239,14 @@ def identify(
         values=values,
         sigma=sigmas,
         correlation=correlation,
-        fitted_force=force,
-        zero_force=zero,
+        fitted_force=problem.force(fit.x),
+        zero_force=problem.nuisance(fit.x)[0] * data.sigma_zero,
         reduced_chi_square=float(2.0 * fit.cost / free),
         stiffness_product=float(values[0]) * shell_object.thickness_m**2.5,
         solid_modulus=solid,
         solid_sigma=float(np.hypot(sigmas[0], bias_sigma)),
         statement=_statement(shell_object, values, sigmas, correlation, excess),
     )
-
-
-def _shared(nuisance: Array, present: list[bool]) -> tuple[float, float]:
-    """Zero and gain in units of their priors, 0 where the data have no such error."""
-    values = iter(nuisance.tolist())
-    zero = next(values) if present[0] else 0.0
-    return zero, next(values) if present[1] else 0.0
 
 
 def cross_validate(

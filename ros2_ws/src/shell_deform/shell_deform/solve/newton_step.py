@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from shell_deform.contact.pad_contact import Press
 from shell_deform.factor.analysis import (
     Factor,
     FactorError,
@@ -31,6 +32,7 @@ Array = NDArray[np.float64]
 
 # One linear solve leaves round-off of the stiffest support spring; a singular one leaves all.
 LINEAR_RESIDUAL = 1e-4
+FOLDED = 'the surface folded onto itself'
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,52 @@ class NewtonOptions:
     settled_move: float = 1e-9
     stability: bool = False
     penetration: float = 3e-4
+
+
+class StepLost(Exception):
+    """A load step that leads nowhere; the message says why."""
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """A state on the way to equilibrium; N = 3 n dofs.
+
+    Attributes:
+        positions: (n, 3) control points [m]. moved: (N,) from rest [m], to more digits.
+        energy: [J]. gradient: (N,) of energy and pads [N]. press: what the pads do, if any.
+    """
+
+    positions: Array
+    moved: Array
+    energy: float
+    gradient: Array
+    press: Press | None
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What one linear solve asks for.
+
+    Attributes:
+        step: (N,) [m]. pushes: (k,) of the contacts [N]. multipliers: (m,) of the held rows [N].
+    """
+
+    step: Array
+    pushes: Array
+    multipliers: Array
+
+    @property
+    def largest(self) -> float:
+        """Largest component of the step [m]."""
+        return float(np.abs(self.step).max(initial=0.0))
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Unbalanced force over the loads [-], and whether the loads are carried."""
+
+    residual: float
+    balanced: bool
 
 
 class StepSolver:
@@ -120,125 +168,176 @@ class StepSolver:
 
     def step(
         self,
-        edge: Borders,
+        borders: Borders,
         loads: StepLoads,
-        here: Equilibrium,
+        start: Equilibrium,
         guess: Array | None = None,
         linear: bool = False,
     ) -> Equilibrium:
-        """One load step from `here`, without halving; control points `guess` (n, 3) to start from.
+        """One load step from `start`, without halving; `guess` (n, 3): control points to begin at.
 
         `linear` takes one solve with the tangent at the undeformed shape for the answer.
         """
-        model, options = self.model, self.options
-        force, moved, dead = loads.force, loads.moved, loads.dead
-        fixed_push = edge.push[:, ~edge.driven] @ force[~edge.driven] + dead
-        positions = here.unknowns if guess is None else guess
-        free = (positions - model.start).reshape(-1)
-        unknown = int(edge.driven.sum())
-        state = here
+        options = self.options
+        now = self._first(borders, loads, start, guess)
         system: BorderedFactor | None = None
-        previous = 1.0
-        tangent = None
-        iterations = factorisations = 0
+        linearised_press: Press | None = None
+        previous, iterations, factorisations = 1.0, 0, 0
+        most = options.factorisations if borders.pads is None else options.pad_factorisations
         message = 'Newton iterations did not converge'
-        reference_move = options.largest_move * self._wall
-        pads, press, pressed = edge.pads, None, None
-        most = options.factorisations if pads is None else options.pad_factorisations
-        if pads is not None:
-            press = pads.press(positions, pads.start(moved, here.displacement), force)
-        while True:
-            if system is None:
-                if factorisations == most:
-                    break
-                tangent = model.tangent(positions, loads.target, free.reshape(-1, 3))
-                if pads is not None and press is not None:
-                    tangent, pressed = pressed_tangent(tangent, pads, press), press
-                if not np.all(np.isfinite(tangent.gradient)):
-                    message = 'the surface folded onto itself'
-                    break
-                gradient = tangent.gradient
-                factorisations += 1
-                try:
-                    system = self.system(tangent, edge)
-                except FactorError as error:
-                    message = str(error)
-                    break
-            lacking = (moved - edge.measure.T @ free)[edge.driven]
-            below = np.concatenate([lacking, -edge.held.T @ free])
-            unbalanced = fixed_push - gradient
-            if press is not None and pressed is not None:
-                unbalanced -= pressed.eliminated(press)
-            step, border = system.solve(unbalanced, below, refinements=1)
-            iterations += 1
-            if not np.all(np.isfinite(step)):
-                message = 'the stiffness is singular'
-                break
-            largest = float(np.abs(step).max(initial=0.0))
-            if largest > reference_move and not linear:
-                message = f'an iteration moved the surface by {1e3 * largest:.1f} mm'
-                break
-            free = free + step
-            positions = model.shell.settled(model.start + free.reshape(-1, 3))
-            free = (positions - model.start).reshape(-1) if model.start is not model.rest else free
-            energy, gradient = model.gradient(positions, loads.target, free.reshape(-1, 3))
-            if pads is not None and press is not None and pressed is not None:
-                press = pads.press(positions, pressed.follow(press, step), force)
-                gradient = gradient + press.gradient.reshape(-1)
-            pushes = np.where(edge.driven, 0.0, force)
-            pushes[edge.driven] = border[:unknown]
-            multipliers = border[unknown:]
-            carried = edge.push @ pushes + dead
-            noise = self._noise_force(free)
-            loose = gradient - carried + edge.held @ multipliers
-            scale = max(
-                float(np.linalg.norm(carried)),
-                float(np.linalg.norm(edge.held @ multipliers)),
-                0.0 if press is None else float(np.linalg.norm(press.gradient)),
-                self._support_force(free.reshape(-1, 3), loads.target),
-                noise,
-            )
-            missing = 0.0 if press is None else float(np.linalg.norm(press.missing))
-            residual = float(np.hypot(np.linalg.norm(loose), missing)) / scale
-            settled = (
-                largest < options.settled_move * self._wall and residual < options.chord_residual
-            )
-            if residual < options.tolerance + noise / scale or settled or linear:
-                state = Equilibrium(
-                    converged=not linear or residual < LINEAR_RESIDUAL,
-                    message='the linear system is singular'
-                    if linear and residual >= LINEAR_RESIDUAL
-                    else '',
-                    positions=positions[: len(model.rest)],
-                    wall=positions[len(model.rest) :],
-                    force=pushes,
-                    displacement=edge.measure.T @ free,
-                    multipliers=multipliers,
-                    unbalance=np.zeros(6),
-                    energy=energy,
-                    gas_pressure=self._gas_pressure(positions, linear),
-                    residual=residual,
-                    iterations=iterations,
-                    factorisations=factorisations,
-                    dead_load=dead[: 3 * len(model.rest)],
-                    support_target=loads.target,
-                )
-                return (
-                    state if pads is None or press is None else pressed_state(state, pads, press)
-                )
-            if not np.isfinite(residual):
-                message = 'the surface folded onto itself'
-                break
-            if residual > min(options.contraction * previous, options.chord_residual):
-                system = None
-            previous = residual
+        try:
+            while system is not None or factorisations < most:
+                if system is None:
+                    now, tangent = self._linearised(borders, loads, now)
+                    linearised_press = now.press
+                    factorisations += 1
+                    system = self.system(tangent, borders)
+                found = self._correction(system, borders, loads, now, linearised_press)
+                iterations += 1
+                self._refuse_leap(found, linear)
+                now = self._corrected(borders, loads, now, found, linearised_press)
+                judged = self._judged(borders, loads, now, found)
+                if judged.balanced or linear:
+                    state = self._equilibrium(borders, loads, now, found, judged, linear)
+                    return replace(state, iterations=iterations, factorisations=factorisations)
+                if judged.residual > min(options.contraction * previous, options.chord_residual):
+                    system = None
+                previous = judged.residual
+        except (FactorError, StepLost) as error:
+            message = str(error)
         return replace(
-            here,
+            start,
             converged=False,
             message=message,
             iterations=iterations,
             factorisations=factorisations,
         )
+
+    def _first(
+        self, borders: Borders, loads: StepLoads, start: Equilibrium, guess: Array | None
+    ) -> Iterate:
+        """Where the iteration begins."""
+        positions = start.positions if guess is None else guess
+        moved = (positions - self.model.rest).reshape(-1)
+        press = None
+        if borders.pads is not None:
+            depth = borders.pads.start(loads.moved, start.displacement)
+            press = borders.pads.press(positions, depth, loads.force)
+        return Iterate(positions, moved, 0.0, np.zeros_like(moved), press)
+
+    def _linearised(
+        self, borders: Borders, loads: StepLoads, now: Iterate
+    ) -> tuple[Iterate, Tangent]:
+        """The iterate with the gradient there, and the tangent. Raises StepLost."""
+        tangent = self.model.tangent(now.positions, loads.target, now.moved.reshape(-1, 3))
+        if borders.pads is not None and now.press is not None:
+            tangent = pressed_tangent(tangent, borders.pads, now.press)
+        if not np.all(np.isfinite(tangent.gradient)):
+            raise StepLost(FOLDED)
+        return replace(now, gradient=tangent.gradient), tangent
+
+    def _correction(
+        self,
+        system: BorderedFactor,
+        borders: Borders,
+        loads: StepLoads,
+        now: Iterate,
+        linearised_press: Press | None,
+    ) -> Correction:
+        """The residual forces and constraints solved with the tangent at hand."""
+        given = ~borders.driven
+        unbalanced = borders.push[:, given] @ loads.force[given] + loads.dead - now.gradient
+        if now.press is not None and linearised_press is not None:
+            unbalanced -= linearised_press.eliminated(now.press)
+        missing = (loads.moved - borders.measure.T @ now.moved)[borders.driven]
+        constraints = np.concatenate([missing, -borders.held.T @ now.moved])
+        step, unknowns = system.solve(unbalanced, constraints, refinements=1)
+        pushes = np.where(borders.driven, 0.0, loads.force)
+        count = int(borders.driven.sum())
+        pushes[borders.driven] = unknowns[:count]
+        return Correction(step, pushes, unknowns[count:])
+
+    def _refuse_leap(self, found: Correction, linear: bool) -> None:
+        """Raise StepLost where a correction leads nowhere."""
+        if not np.all(np.isfinite(found.step)):
+            raise StepLost('the stiffness is singular')
+        if found.largest > self.options.largest_move * self._wall and not linear:
+            raise StepLost(f'an iteration moved the surface by {1e3 * found.largest:.1f} mm')
+
+    def _corrected(
+        self,
+        borders: Borders,
+        loads: StepLoads,
+        now: Iterate,
+        found: Correction,
+        linearised_press: Press | None,
+    ) -> Iterate:
+        """The iterate after a correction, with the gradient there."""
+        moved = now.moved + found.step
+        positions = self.model.rest + moved.reshape(-1, 3)
+        energy, gradient = self.model.gradient(positions, loads.target, moved.reshape(-1, 3))
+        press = now.press
+        if borders.pads is not None and press is not None and linearised_press is not None:
+            depth = linearised_press.follow(press, found.step)
+            press = borders.pads.press(positions, depth, loads.force)
+            gradient = gradient + press.gradient.reshape(-1)
+        return Iterate(positions, moved, energy, gradient, press)
+
+    def _judged(
+        self, borders: Borders, loads: StepLoads, now: Iterate, found: Correction
+    ) -> Judgement:
+        """How far forces are from balance, and whether that is near enough. Raises StepLost."""
+        options, press = self.options, now.press
+        carried = borders.push @ found.pushes + loads.dead
+        held = borders.held @ found.multipliers
+        unbalanced = now.gradient - carried + held
+        noise = self._noise_force(now.moved)
+        scale = max(
+            float(np.linalg.norm(carried)),
+            float(np.linalg.norm(held)),
+            0.0 if press is None else float(np.linalg.norm(press.gradient)),
+            self._support_force(now.moved.reshape(-1, 3), loads.target),
+            noise,
+        )
+        missing = 0.0 if press is None else float(np.linalg.norm(press.missing))
+        residual = float(np.hypot(np.linalg.norm(unbalanced), missing)) / scale
+        small = found.largest < options.settled_move * self._wall
+        settled = small and residual < options.chord_residual
+        balanced = residual < options.tolerance + noise / scale or settled
+        if not np.isfinite(residual):
+            raise StepLost(FOLDED)
+        return Judgement(residual, balanced)
+
+    def _equilibrium(
+        self,
+        borders: Borders,
+        loads: StepLoads,
+        now: Iterate,
+        found: Correction,
+        judged: Judgement,
+        linear: bool,
+    ) -> Equilibrium:
+        """The iterate as the answer of the step."""
+        singular = linear and judged.residual >= LINEAR_RESIDUAL
+        state = Equilibrium(
+            converged=not singular,
+            message='the linear system is singular' if singular else '',
+            positions=now.positions,
+            force=found.pushes,
+            displacement=borders.measure.T @ now.moved,
+            multipliers=found.multipliers,
+            unbalance=np.zeros(6),
+            energy=now.energy,
+            gas_pressure=self._gas_pressure(now.positions, linear),
+            residual=judged.residual,
+            iterations=0,
+            factorisations=0,
+            dead_load=loads.dead,
+            support_target=loads.target,
+        )
+        if borders.pads is None or now.press is None:
+            return state
+        return pressed_state(state, borders.pads, now.press)
 
     def _support_force(self, moved: Array, target: Array | None) -> float:
         supports = self.model.supports

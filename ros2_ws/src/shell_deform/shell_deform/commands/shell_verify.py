@@ -21,6 +21,7 @@ from shell_deform.verification import (
     sze,
 )
 from shell_deform.verification.problem import Verified
+from shell_deform.verification.reference_table import reference_table
 
 Problems = Callable[[], Iterator[Verified]]
 
@@ -50,13 +51,42 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action='store_true',
         help='instead: spheres of R/h 6 to 100 against a 3-D solid, and the rule for thick walls',
     )
+    which.add_argument(
+        '--references',
+        action='store_true',
+        help='instead: every reference value, published or own, its source, and why it is scored '
+        'or not; solves nothing',
+    )
     parser.add_argument('--plot', type=Path, metavar='FILE', help='with --solid: plot (PNG)')
     parser.add_argument('--all-rows', action='store_true', help='every load, not only the worst')
     parser.add_argument('--json', action='store_true', help='one JSON document on stdout')
     options = parse('shell_deform', parser, arguments)
     if options.plot and not options.solid:
         parser.error('--plot goes with --solid')
+    if options.references:
+        return run('shell_verify', lambda: _references(options))
     return run('shell_verify', lambda: _solid(options) if options.solid else _verify(options))
+
+
+def _references(options: argparse.Namespace) -> None:
+    table = reference_table()
+    if options.json:
+        print_json({'references': [row.as_dict() for row in table]})
+        return
+    rows = [
+        [
+            row.problem,
+            row.quantity,
+            '' if row.value is None else f'{row.value:.6g}',
+            row.status,
+            row.source,
+            '' if row.goal is None else f'{100 * row.goal:.2f} %',
+            row.scored,
+        ]
+        for row in table
+    ]
+    headings = ('problem', 'quantity', 'value', 'status', 'source', 'goal [%]', 'scored')
+    print_table(headings, rows, 'Reference values')
 
 
 def _solid(options: argparse.Namespace) -> None:

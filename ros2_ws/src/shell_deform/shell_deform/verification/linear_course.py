@@ -6,6 +6,7 @@ Kirchhoff-Love limits; the linear theory solved is Koiter's first-order part (ta
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import trimesh
@@ -61,12 +62,12 @@ def scordelis_lo(cells: int = 32) -> Verified:
         sag = float(probe.centre @ moved_by @ probe.axis)
     return Verified(
         'scordelis_lo', 'sag of the free edge [ft]', data['value'],
-        'Kirchhoff-Love limit, mixed Koiter element of order 3', sag,
+        'own: Kirchhoff-Love limit, mixed Koiter element of order 3', sag,
         used_vertices(model), watch.seconds, 1e-3,
     )  # fmt: skip
 
 
-def pinched_cylinder(cells: int = 64) -> Verified:
+def pinched_cylinder(cells: int = 96) -> Verified:
     """Cylinder with rigid diaphragms between two point forces, by an octant."""
     data = references()['linear_obstacle_course']['pinched_cylinder']
     radius, length = data['R'], data['L']
@@ -94,8 +95,8 @@ def pinched_cylinder(cells: int = 64) -> Verified:
         moved_by = first_order(model, unheld(forced((load,), [data['P'] / 4.0])))
         dent = float(load.centre @ moved_by @ load.axis)
     return Verified(
-        'pinched_cylinder', 'displacement under the force [in]', data['value_KL'],
-        'Kirchhoff-Love limit, mixed Koiter element of order 3', dent,
+        'pinched_cylinder', 'displacement under the force [in]', data['value_published'],
+        'published series solution 164.24 P / (E h)', dent,
         used_vertices(model), watch.seconds, 5e-3,
     )  # fmt: skip
 
@@ -158,5 +159,13 @@ def unheld(case: LoadCase) -> LoadCase:
 def problems() -> Iterator[Verified]:
     """All problems of the course, one after the other."""
     yield scordelis_lo()
-    yield pinched_cylinder()
+    published = pinched_cylinder()
+    yield published
+    yield replace(
+        published,
+        quantity='displacement against our own extrapolated limit [in]',
+        reference=references()['linear_obstacle_course']['pinched_cylinder']['value_KL'],
+        source='own: Kirchhoff-Love limit, mixed Koiter element of order 3',
+        goal=None,
+    )
     yield pinched_hemisphere()

@@ -68,7 +68,7 @@ def mission_sphere(case: str, rows: int | None = None) -> Iterator[Verified]:
         for row in data:
             state = solver.solve(displaced(contacts, [row[0] * MILLI] * 2), state)
             forces.append(float(state.force[0]) if state.converged else np.nan)
-    source = 'independent axisymmetric shell solution'
+    source = 'own: axisymmetric shell solution (verification/axisymmetric.py)'
     slope = forces[0] / data[0][0]
     yield Verified(
         f'mission_sphere_{case}', 'initial slope [N/mm]',

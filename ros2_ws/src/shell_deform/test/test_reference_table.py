@@ -1,0 +1,36 @@
+"""Every reference value is told with its status, its source, and why it is scored or not."""
+
+import json
+
+from shell_deform.commands import shell_verify
+from shell_deform.verification.reference_table import reference_table
+
+ROWS = reference_table()
+
+
+def test_every_value_says_who_and_why():
+    assert len(ROWS) > 300
+    for row in ROWS:
+        assert row.status in ('published', 'own')
+        assert row.source
+        assert row.scored.startswith(('yes', 'no: '))
+        assert (row.goal is not None) <= row.scored.startswith('yes')
+
+
+def test_the_scored_value_of_the_pinched_cylinder_is_the_published_one():
+    values = {row.value: row for row in ROWS if row.problem == 'pinched_cylinder'}
+    assert values[1.8248e-5].status == 'published' and values[1.8248e-5].goal == 5e-3
+    assert values[1.828e-5].status == 'own' and values[1.828e-5].goal is None
+
+
+def test_loads_that_are_not_scored_are_listed_with_a_reason():
+    left_out = [row for row in ROWS if row.problem == 'sze_pullout_cylinder' and row.goal is None]
+    assert {row.quantity.split()[0] for row in left_out} == {'W_A', '-U_B', '-U_C'}
+    assert sum('snap' in row.scored for row in left_out) == 12
+    assert sum('shear-flexible' in row.scored for row in left_out) == 9
+
+
+def test_the_command_prints_the_table_without_solving(capsys):
+    assert shell_verify.main(['--references', '--json']) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert len(document['references']) == len(ROWS)

@@ -15,6 +15,7 @@ from shell_deform.live.background.condensed import HELD_ROWS, Condensed, Contact
 from shell_deform.live.background.contact_tracking import ContactTracker, Touch
 from shell_deform.live.background.energy_density import EnergyDensity
 from shell_deform.live.background.load_case import Load
+from shell_deform.live.background.motion import Motion
 from shell_deform.live.background.placement import Placement, place
 from shell_deform.live.background.rest_shell import RestShell, largest_curl
 from shell_deform.live.background.small_loads import SmallLoads, small_loads
@@ -73,6 +74,8 @@ class LiveSolver:
         self._placement: Placement | None = None
         self.share = 1.0
         self.seconds = 0.0
+        self.motion: Motion | None = None
+        """Whether to solve ahead of the contacts' motion: in real time alone."""
         self._unload()
         unloaded = self.tracker.positions
         # The given control points themselves, where nothing inflates them: searches know these.
@@ -123,7 +126,10 @@ class LiveSolver:
         if touches:
             before = dict(zip(self._fingers(), self._displacements(), strict=True))
             self._lay(touches)
-            self.share = self.tracker.advance(self._target(load, touches, before))
+            target = self._target(load, touches, before)
+            if self.motion is not None:
+                target = self.motion.ahead(target, self.generation, began)
+            self.share = self.tracker.advance(target)
             if self.share < 1.0 and self.contacts.laid and not self._nearly_at_rest():
                 # A grasp taken up from the shape of another one may lead nowhere: once from rest.
                 self._let_go()

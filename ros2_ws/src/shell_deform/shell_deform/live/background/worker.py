@@ -17,10 +17,12 @@ import select
 import signal
 import socket
 import sys
+import time
 
 from shell_deform.building import build_model
 from shell_deform.live.background.courtesy import Courtesy
 from shell_deform.live.background.load_case import load_of
+from shell_deform.live.background.motion import Motion
 from shell_deform.live.background.rest_shell import packed
 from shell_deform.live.background.solving import LiveSolver
 from shell_deform.live.exchange import Layout, SharedMemory, create
@@ -83,7 +85,7 @@ class Loop:
         while True:
             self.memory.beat()
             ready, _, _ = select.select([self.event, connection.fileno()], [], [], WAITING_BEAT_S)
-            if connection.fileno() in ready and not connection.recv(1):
+            if connection.fileno() in ready and _is_gone(connection):
                 return
             if self.event in ready:
                 self.dropped += os.eventfd_read(self.event) - 1
@@ -105,11 +107,14 @@ class Loop:
         load = load_of(request[0], self.resets, self.jumps)
         self.resets, self.jumps = int(request[0]['resets']), int(request[0]['jumps'])
         try:
+            began = time.perf_counter()
             self.solver.take(load)
             self.failure = ''
             self._publish(answers, fresh=False)
             if self.solver.refine():
                 self._publish(answers, fresh=True)
+            if self.solver.motion is not None:
+                self.solver.motion.took(time.perf_counter() - began)
         except MemoryError:
             raise
         except Exception as error:
@@ -131,6 +136,15 @@ class Loop:
             slot.record['message'] = f'started over: {self.failure}'.encode()[:200]
         self.results += 1
         self.memory.publish(index, self.results)
+
+
+def _is_gone(connection: socket.socket) -> bool:
+    """Whether the other side has closed a socket that is ready to be read."""
+    try:
+        return not connection.recv(1)
+    except ConnectionResetError:
+        # It has left without reading all.
+        return True
 
 
 def main() -> int:
@@ -168,6 +182,7 @@ def main() -> int:
     with contextlib.suppress(ValueError, RuntimeError):
         solver.warm_up()
     hand_over(solver, connection, float(str(options.get('curl') or 0.0)))
+    solver.motion = Motion(float(solver.model.shell.thickness.mean()))
     Loop(solver, memory, int(sys.argv[2]), polite=niceness > 0).run(connection)
     return 0
 

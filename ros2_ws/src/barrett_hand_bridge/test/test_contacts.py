@@ -80,3 +80,16 @@ def test_a_single_low_reading_does_not_end_the_touch():
     end = approach(tracker)
     tracker.update(end, 0.0, 0.1)
     assert tracker.touching
+
+
+def test_a_touch_begins_above_four_sigma_and_ends_below_two():
+    def touches(sigmas, begun):
+        tracker = TouchTracker(TouchSettings())
+        if begun:
+            approach(tracker)
+        for _ in range(20):
+            tracker.update(np.zeros(3), 0.1 * sigmas, 0.1)
+        return tracker.touching
+
+    assert [touches(sigmas, begun=False) for sigmas in (3.9, 4.1)] == [False, True]
+    assert [touches(sigmas, begun=True) for sigmas in (1.9, 2.1)] == [False, True]

@@ -88,3 +88,11 @@ def test_no_velocity_is_ever_sent_as_control_c(velocity):
 def test_a_velocity_that_does_not_fit_is_refused():
     with pytest.raises(ValueError, match='motor 2: velocity 100 counts'):
         encode_control(layout_for(), {2: 100.0})
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_the_fastest_velocity_fits_and_the_next_is_refused_not_wrapped(sign):
+    step = layout_for().velocity_coefficient / 16.0
+    assert encode_control(layout_for(), {1: sign * 127 * step})[1] == int(sign * 127) & 0xFF
+    with pytest.raises(ValueError, match='motor 1'):
+        encode_control(layout_for(), {1: sign * 128 * step})

@@ -328,3 +328,31 @@ def test_a_missing_port_is_named():
 def test_an_impossible_speed_is_refused():
     with pytest.raises(HandError, match='9600, 19200 and 38400'):
         SerialHand(lambda: None, baud=115200)
+
+
+class CountingPort(DirectPort):
+    """A port that counts what is written to it."""
+
+    writes = 0
+
+    def write(self, data):
+        self.writes += 1
+        return super().write(data)
+
+
+@pytest.mark.parametrize('prefetch', [False, True])
+def test_every_block_is_asked_for_once(emulated, prefetch):
+    ports = []
+
+    def open_line():
+        ports.append(CountingPort(emulated))
+        return ports[-1]
+
+    hand = SerialHand(open_line, baud=38400, prefetch=prefetch)
+    hand.connect()
+    hand.initialize()
+    hand.sample(None)
+    before = ports[-1].writes
+    for _ in range(10):
+        hand.sample(None)
+    assert ports[-1].writes - before == 10

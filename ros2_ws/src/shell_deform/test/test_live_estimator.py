@@ -237,6 +237,23 @@ def test_force_alone_is_worse_than_both_beyond_five_millimetres(model, truth):
     assert errors['fused'] < 0.5 * errors['force']
 
 
+def test_the_energy_served_from_rest_is_the_work_of_the_fingers(model, truth):
+    depth = 0.05e-3
+    force, _ = truth.at(depth)
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
+    served = pipeline.tick(squeeze(force, depth))
+    assert served.strain_energy == pytest.approx(0.5 * float(force.sum()) * depth, rel=0.1)
+
+
+def test_the_sigma_of_the_nonlinear_surface_is_that_of_what_is_served_with_it(model, truth):
+    force, _ = truth.at(2e-3)
+    pipeline = live_hand.pipeline(model, ErrorModel(drive='fused'))
+    served = pipeline.settle(squeeze(force, 2e-3))
+    sigma = pipeline.estimator.nonlinear()[:, 7]
+    assert sigma.max() > 1e-6
+    assert sigma.max() == pytest.approx(served.packed[:, 7].max(), rel=0.5)
+
+
 def test_the_linear_answer_is_proportional_to_the_force(model, truth):
     force, _ = truth.at(6e-3)
     pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))

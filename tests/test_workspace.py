@@ -19,6 +19,7 @@ EXECUTABLES = {
         'shell_objects',
         'shell_identify',
         'object_prepare',
+        'grasp_map',
     ),
     'scan_compare': ('scan_compare', 'scan_error'),
     'grasp_replay': ('replay', 'record', 'grasp_report', 'bag_check'),

@@ -79,6 +79,7 @@ setup(
             'shell_objects = shell_deform.commands.programs:shell_objects',
             'shell_identify = shell_deform.commands.programs:shell_identify',
             'object_prepare = shell_deform.commands.programs:object_prepare',
+            'grasp_map = shell_deform.commands.programs:grasp_map',
         ],
     },
 )

@@ -29,3 +29,8 @@ object_prepare = command(
     'shell_deform.commands.object_prepare',
     usage='shell_deform.commands.object_prepare_options',
 )
+grasp_map = command(
+    'grasp_map',
+    'shell_deform.commands.grasp_map',
+    usage='shell_deform.commands.grasp_map_options',
+)

@@ -1,0 +1,193 @@
+"""One grasp of a map: sampled, squeezed and measured; the same bytes wherever it is worked out."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.building import build_model
+from shell_deform.factor.base import FactorError
+from shell_deform.grasp.capacity import liftable_mass
+from shell_deform.grasp.cone import ConeError
+from shell_deform.grasp.measures import Doubt, Held, Task, measure
+from shell_deform.grasp.reading import read_contacts, read_response, read_wall
+from shell_deform.grasp.sampling import PinGrasp, sample_grasp
+from shell_deform.grasp.stiffness import rigid_share, squeeze_work
+from shell_deform.grasp.window import UNLIMITED, Limits, window_of_curve
+from shell_deform.model import ShellModel
+from shell_deform.objects import ShellObject, load_object
+from shell_deform.solve.equilibrium import Equilibrium, displaced, forced
+from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+
+Array = NDArray[np.float64]
+
+STEPS = 4
+POINT_SIGMA, NORMAL_SIGMA = 2e-4, 0.02
+"""Of contacts of the model: half a pin's mounting [m], what a mesh this coarse leaves [rad]."""
+
+
+@dataclass(frozen=True)
+class MapRequest:
+    """Everything that decides what a map holds.
+
+    Attributes:
+        object_name: name or file. hand: key of `HANDS`. number: grasps. seed: of the sampling.
+        friction, friction_sigma: [-]. mass: [kg]. down: direction of the weight.
+        depth: of each pin [m], or force: push of each [N]; exactly one is above zero.
+        lean: largest angle of a line to the normal [rad]. pin_radius: [m]. vertices: control
+            vertices, 0 for those of the file. theory: strain measure.
+        strain_limit: largest strain of the wall [-], for rubber.
+    """
+
+    object_name: str
+    hand: str = 'two_pins'
+    number: int = 100
+    seed: int = 0
+    friction: float = 0.5
+    friction_sigma: float = 0.1
+    mass: float = 0.0
+    down: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    depth: float = 4e-3
+    force: float = 0.0
+    lean: float = 0.35
+    pin_radius: float = 2e-3
+    vertices: int = 0
+    theory: str = 'koiter'
+    strain_limit: float = 0.2
+
+
+@dataclass(frozen=True)
+class Workplace:
+    """What all grasps of a map share: object, model, solver, and the surface to sample."""
+
+    shell: ShellObject
+    model: ShellModel
+    solver: EquilibriumSolver
+    points: Array
+    triangles: NDArray[np.int64]
+
+
+@lru_cache(maxsize=2)
+def workplace(object_name: str, vertices: int, theory: str) -> Workplace:
+    """Built once in each process; an even mesh, since grasps are everywhere."""
+    shell = replace(load_object(object_name), contacts=())
+    model = build_model(shell, theory, vertices or None)
+    mesh = model.shell.mesh
+    points = model.surface.limit_positions(model.rest)
+    triangles = np.asarray(mesh.triangles[mesh.active], np.int64)
+    solver = EquilibriumSolver(model, NewtonOptions(stability=True))
+    return Workplace(shell, model, solver, points, triangles)
+
+
+def map_grasp(request: MapRequest, number: int) -> dict[str, Any]:
+    """Grasp `number` of a map as plain numbers; what cannot be squeezed says why."""
+    place = workplace(request.object_name, request.vertices, request.theory)
+    sampled = sample_grasp(
+        place.points, place.triangles, request.hand, request.lean, (request.seed, number)
+    )
+    result: dict[str, Any] = {
+        'number': number, 'at_m': sampled.at.tolist(), 'axis': sampled.axis.tolist(),
+    }  # fmt: skip
+    pins = tuple(
+        place.model.contact(at, request.pin_radius, axis)
+        for at, axis in zip(sampled.at, sampled.axis, strict=True)
+    )
+    states: list[Equilibrium] = []
+    for share in np.linspace(0.0, 1.0, STEPS + 1)[1:]:
+        values = np.full(len(pins), share * (request.depth or request.force))
+        case = displaced(pins, values) if request.depth else forced(pins, values)
+        found = place.solver.solve(case, states[-1] if states else None)
+        if not found.converged:
+            return {**result, 'failed': found.message}
+        states.append(found)
+    try:
+        return {**result, **_measured(request, place, sampled, pins, states)}
+    except (FactorError, ConeError) as error:
+        return {**result, 'failed': str(error)}
+
+
+def _measured(
+    request: MapRequest,
+    place: Workplace,
+    sampled: PinGrasp,
+    pins: tuple[Any, ...],
+    states: list[Equilibrium],
+) -> dict[str, Any]:
+    model, count = place.model, len(pins)
+    grasps = [read_contacts(model, pins, state, request.friction) for state in states]
+    response = read_response(place.solver, pins, states[-1], grasps[-1])
+    walls = [read_wall(model, state.positions) for state in states]
+    yielding = place.shell.yield_stress_pa or 0.0
+    slope = states[0].force.sum() / max(float(states[0].displacement.sum()), 1e-12)
+    limits = []
+    before = np.zeros(count), np.zeros(count)
+    for state, wall in zip(states, walls, strict=True):
+        push, moved = state.force - before[0], state.displacement - before[1]
+        stiff = push.sum() / moved.sum() / slope if moved.sum() else 1.0
+        limits.append(
+            Limits(
+                float(min(stiff, 1.0)),
+                wall.stress / yielding if yielding else 0.0,
+                wall.strain / request.strain_limit,
+            )
+        )
+        before = state.force, state.displacement
+    task = Task(request.mass, request.down, request.friction_sigma)
+    doubt = Doubt(
+        np.zeros(count), np.zeros(count), np.full(count, POINT_SIGMA), np.full(count, NORMAL_SIGMA)
+    )
+    held = Held(
+        response.centre, response.sharing, response.compliance, states[-1].energy, limits[-1]
+    )
+    told = measure(grasps[-1], held, task, doubt).to_json()
+    down = np.array(request.down) / np.linalg.norm(request.down)
+    lifted = np.array([liftable_mass(grasp, down, response.centre) for grasp in grasps])
+    mean = np.array([float(grasp.push.mean()) for grasp in grasps])
+    told['least_push_n'], told['most_push_n'], told['limit'] = window_of_curve(
+        mean, lifted, request.mass, limits
+    )
+    rest = np.zeros((1, count))
+    work = squeeze_work(
+        np.concatenate([rest, [state.displacement for state in states]]),
+        np.concatenate([rest, [state.force for state in states]]),
+    )
+    motion = states[-1].displacement[:, None] * sampled.axis
+    return {
+        **told,
+        'stable': bool(states[-1].stable),
+        'push_n': float(mean[-1]),
+        'depth_m': float(states[-1].displacement.mean()),
+        'largest_stress_pa': walls[-1].stress,
+        'largest_strain': walls[-1].strain,
+        'dent_push_n': _dent(mean, walls, yielding),
+        'squeeze_work_j': work,
+        'rigid_share': rigid_share(sampled.at, motion),
+    }
+
+
+def _dent(push: Array, walls: list[Any], yielding: float) -> float:
+    """Push [N] at which the wall begins to yield; `UNLIMITED` if it does not or is not known."""
+    from shell_deform.grasp.window import crossing
+
+    stress = np.array([wall.stress for wall in walls])
+    return crossing(push, stress / yielding, 1.0) if yielding else UNLIMITED
+
+
+def ranking(grasps: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Grasps with the best first: stable ones by the force that the worst of 26 directions needs.
+
+    Equal ones stand in the order of their numbers, so that a ranking has one order only.
+    """
+    good = [one for one in grasps if 'failed' not in one]
+    return sorted(
+        good, key=lambda one: (not one['stable'], -one['worst_capacity_n'], one['number'])
+    )
+
+
+def described(request: MapRequest) -> dict[str, Any]:
+    """The request as plain numbers."""
+    return {**asdict(request), 'down': list(request.down)}

@@ -1,0 +1,151 @@
+"""A map of grasps: the same bytes by any number of workers, nothing lost by a kill."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shell_deform.commands.grasp_map import main
+from shell_deform.grasp.campaign import CampaignError, map_key, run_map
+from shell_deform.grasp.map_files import write_map
+from shell_deform.grasp.mapping import MapRequest, map_grasp, ranking, workplace
+from shell_deform.grasp.sampling import SamplingError, sample_grasp
+
+REQUEST = MapRequest('tennis_ball', number=10, mass=0.058, vertices=162)
+
+
+@pytest.fixture(scope='module')
+def alone(tmp_path_factory):
+    return _files(REQUEST, tmp_path_factory.mktemp('alone'))
+
+
+def _files(request, out, **options):
+    grasps = run_map(request, out, **options)
+    place = workplace(request.object_name, request.vertices, request.theory)
+    write_map(request, grasps, place, out)
+    return {name: (out / name).read_bytes() for name in ('map.json', 'map.csv', 'map.html')}
+
+
+@pytest.mark.parametrize('processes', [2, 3])
+def test_the_number_of_processes_changes_no_byte(alone, tmp_path, processes):
+    assert _files(REQUEST, tmp_path, processes=processes) == alone
+
+
+@pytest.mark.filterwarnings('ignore')
+@pytest.mark.timeout(300)
+def test_a_dask_cluster_gives_the_same_bytes(alone, tmp_path):
+    distributed = pytest.importorskip('distributed', reason='dask.distributed is optional')
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, processes=True
+    ) as cluster:
+        there = _files(REQUEST, tmp_path, scheduler=cluster.scheduler_address)
+    assert there == alone
+
+
+@pytest.mark.timeout(300)
+def test_a_killed_map_goes_on_where_it_was(alone, tmp_path):
+    code = (
+        'from shell_deform.grasp.campaign import run_map\n'
+        'from shell_deform.grasp.mapping import MapRequest\n'
+        'from pathlib import Path\n'
+        f'run_map({REQUEST!r}, Path({str(tmp_path)!r}))\n'
+    )
+    script = tmp_path / 'map.py'
+    script.write_text(
+        'if __name__ == "__main__":\n' + '\n'.join(f'    {x}' for x in code.split('\n'))
+    )
+    folder = tmp_path / 'grasps' / map_key(REQUEST)
+    running = subprocess.Popen([sys.executable, str(script)], start_new_session=True)
+    deadline = time.monotonic() + 120
+    while len(list(folder.glob('*.json'))) < 2:
+        assert time.monotonic() < deadline and running.poll() is None
+        time.sleep(0.01)
+    os.killpg(running.pid, signal.SIGKILL)
+    running.wait()
+    kept = {path: path.stat().st_mtime_ns for path in folder.glob('*.json')}
+    assert len(kept) >= 2
+    assert _files(REQUEST, tmp_path) == alone
+    assert all(path.stat().st_mtime_ns == stamp for path, stamp in kept.items())
+    assert not list(folder.glob('.*'))
+
+
+def test_the_best_grasp_stands_first_and_holds_most(alone):
+    told = json.loads(alone['map.json'])
+    worst = [one['worst_capacity_n'] for one in told['grasps']]
+    assert worst == sorted(worst, reverse=True)
+    assert len(told['grasps']) + len(told['failed']) == REQUEST.number
+    best = told['grasps'][0]
+    assert best['closed'] and best['needed_friction'] < told['grasps'][-1]['needed_friction']
+    assert alone['map.csv'].count(b'\n') == len(told['grasps']) + 1
+    assert b'data:image/png;base64,' in alone['map.html']
+    assert 'no gauge sees' in told['note']
+
+
+def test_a_grasp_depends_on_its_number_alone():
+    more = replace(REQUEST, number=500)
+    assert map_grasp(more, 3) == map_grasp(REQUEST, 3)
+    assert map_key(more) == map_key(REQUEST)
+    assert map_key(replace(REQUEST, friction=0.4)) != map_key(REQUEST)
+
+
+def test_a_squeeze_that_does_not_converge_is_told_and_not_ranked():
+    deep = map_grasp(replace(REQUEST, depth=0.2), 0)
+    assert deep['failed']
+    assert ranking([deep]) == []
+
+
+def test_three_pins_close_on_one_point_in_a_plane():
+    place = workplace(REQUEST.object_name, REQUEST.vertices, REQUEST.theory)
+    for number in range(5):
+        grasp = sample_grasp(place.points, place.triangles, 'three_pins', 0.35, (1, number))
+        assert grasp.axis.sum(axis=0) == pytest.approx(np.zeros(3), abs=1e-12)
+        assert np.linalg.matrix_rank(grasp.axis, 1e-9) == 2
+    found = map_grasp(replace(REQUEST, hand='three_pins', depth=2e-3), 0)
+    assert len(found['fingers']) == 3
+
+
+def test_pins_lean_no_more_than_asked_and_close_on_each_other():
+    place = workplace(REQUEST.object_name, REQUEST.vertices, REQUEST.theory)
+    for number in range(20):
+        grasp = sample_grasp(place.points, place.triangles, 'two_pins', 0.3, (2, number))
+        line = grasp.at[1] - grasp.at[0]
+        line /= np.linalg.norm(line)
+        assert grasp.axis[0] == pytest.approx(line, abs=1e-9)
+        inward = -grasp.at[0] / np.linalg.norm(grasp.at[0])
+        assert line @ inward > np.cos(0.3) - 0.03
+
+
+def test_a_flat_sheet_has_no_grasp():
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    with pytest.raises(SamplingError, match='no line'):
+        sample_grasp(points, np.array([[0, 1, 2]]), 'two_pins', 0.1, (0, 0))
+
+
+def test_the_command_writes_its_files_and_json(tmp_path, capsys):
+    arguments = ['tennis_ball', '--out', str(tmp_path), '--number', '2', '--vertices', '162']
+    assert main([*arguments, '--force', '5', '--json']) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told['grasps'][0]['push_n'] == pytest.approx(5.0, rel=0.1)
+    assert Path(tmp_path / 'map.html').is_file()
+
+
+def test_what_cannot_be_done_is_one_sentence(tmp_path, capsys):
+    assert main(['no_such_object', '--out', str(tmp_path), '--number', '1']) == 1
+    assert 'no_such_object' in capsys.readouterr().err
+    assert main(['tennis_ball', '--out', str(tmp_path), '--down', '0', '0', '0']) == 1
+    assert 'direction of the weight' in capsys.readouterr().err
+
+
+def test_a_scheduler_without_dask_is_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'distributed', None)
+    with pytest.raises(CampaignError, match=r'install dask\[distributed\]'):
+        run_map(REQUEST, tmp_path, scheduler='tcp://127.0.0.1:1')

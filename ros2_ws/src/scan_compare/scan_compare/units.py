@@ -17,6 +17,9 @@ METRES_PER_UNIT = {
 }
 """Length of one unit of each declarable unit [m]."""
 
+UNIT_NAMES = (*METRES_PER_UNIT, 'in')
+"""What a command line takes: `in` is an inch, as in an object file."""
+
 INFERABLE_UNITS = ('mm', 'inch', 'm')
 """Units that the size alone can tell apart; neighbours lie a factor of at least 25.4 apart."""
 
@@ -46,7 +49,7 @@ class Unit:
 def metres_per_unit(name: str) -> float:
     """Return the length of one `name` [m]; raises UnitError for an unknown name."""
     try:
-        return METRES_PER_UNIT[name]
+        return METRES_PER_UNIT['inch' if name == 'in' else name]
     except KeyError:
         known = ', '.join(METRES_PER_UNIT)
         raise UnitError(f'unknown unit {name!r}; allowed: {known}') from None

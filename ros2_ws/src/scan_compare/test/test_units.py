@@ -59,3 +59,7 @@ def test_the_error_names_the_file() -> None:
     text = b'0 0 0\n2.5 0 0\n0 2.5 0\n0 0 2.5\n'
     with pytest.raises(ScanFileError, match=r'ball\.xyz: unit mm.*25\.4'):
         parse_scan(text, '.xyz', 'ball.xyz', 'mm', BALL)
+
+
+def test_in_is_an_inch_as_in_an_object_file() -> None:
+    assert choose_unit(65.0 / 25.4, 'in', 0.065).metres == METRES_PER_UNIT['inch']

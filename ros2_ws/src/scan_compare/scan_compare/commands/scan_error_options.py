@@ -10,7 +10,7 @@ import numpy as np
 from grasp_common.command_line import usage_of
 from scan_compare.parameters import SCANNER_SIGMA_M
 from scan_compare.rigid import IDENTITY, Pose, rotation_from_quaternion
-from scan_compare.units import METRES_PER_UNIT
+from scan_compare.units import UNIT_NAMES
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -22,8 +22,8 @@ def build_parser() -> argparse.ArgumentParser:
         'with their noise floor. Lengths in metres unless stated.',
     )
     parser.add_argument(
-        'scan', nargs='+', type=Path, help='scan file (STL, PLY, OBJ, XYZ, VRML 2); several are '
-        'views of one object and are merged',
+        'scan', nargs='+', type=Path, help='scan file (STL, PLY, OBJ, OFF, PCD, VRML 2 or '
+        'a table of text, also gzipped); several are views of one object and are merged',
     )  # fmt: skip
     parser.add_argument('--object', required=True, help='object name or object file (YAML)')
     parser.add_argument(
@@ -36,7 +36,7 @@ def build_parser() -> argparse.ArgumentParser:
         'of the two fits the scan better, if the scan can tell',
     )  # fmt: skip
     parser.add_argument(
-        '--surface-unit', default='m', choices=METRES_PER_UNIT, help='unit of --surface and --rest'
+        '--surface-unit', default='m', choices=UNIT_NAMES, help='unit of --surface and --rest'
     )
     parser.add_argument(
         '--undeformed', type=Path, nargs='+', metavar='SCAN', help='scan of the undeformed '
@@ -48,7 +48,7 @@ def build_parser() -> argparse.ArgumentParser:
         'model)',
     )  # fmt: skip
     parser.add_argument(
-        '--unit', choices=METRES_PER_UNIT, help='unit of the scan files; inferred from the '
+        '--unit', choices=UNIT_NAMES, help='unit of the scan files; inferred from the '
         'size of the object when left out',
     )  # fmt: skip
     parser.add_argument(

@@ -30,9 +30,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument('--name', help="name of the object (default: the scan file's)")
     parser.add_argument('--out', type=Path, default=Path(), help='folder for the results')
     wall = parser.add_mutually_exclusive_group(required=True)
-    wall.add_argument(
-        '--thickness-m', '--thickness', type=above_zero, metavar='M', help='wall thickness [m]'
-    )
+    wall.add_argument('--thickness-m', type=above_zero, metavar='M', help='wall thickness [m]')
     wall.add_argument(
         '--thickness-file',
         type=Path,

@@ -23,6 +23,8 @@ PLATE_ELEMENTS = 40
 WEDGES = 180
 # Contact stiffness [MPa/mm]: it lets less than 1e-4 mm of overclosure through here.
 CONTACT_STIFFNESS = 1e5
+# The same along the plates while points stick.
+STICK_STIFFNESS = 1e4
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,7 @@ class Squeezed:
     poisson_ratio: float = 0.3
     along: int = 160
     across: int = 2
+    friction: float = 0.0
 
 
 def deck(ball: Squeezed, depths: np.ndarray) -> str:
@@ -86,6 +89,7 @@ def deck(ball: Squeezed, depths: np.ndarray) -> str:
         '*SURFACE,NAME=FACE\n' + '\n'.join(f'{start + i},S1' for i in range(PLATE_ELEMENTS)),
         '*SURFACE INTERACTION,NAME=TOUCH\n*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR',
         f'{CONTACT_STIFFNESS},0.',
+        *([f'*FRICTION\n{ball.friction},{STICK_STIFFNESS}'] if ball.friction else []),
         '*CONTACT PAIR,INTERACTION=TOUCH,TYPE=SURFACE TO SURFACE\nOUTER,FACE',
         '*BOUNDARY\nPLATE,1,1',
         *(f'{node},2,2' for node in equator),

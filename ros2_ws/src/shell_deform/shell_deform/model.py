@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 
 from shell_deform.assemble.discretisation import Discretisation
 from shell_deform.assemble.thick import Stamp, ThickShell
+from shell_deform.contact.bodies import Body, Shape, frame_of
+from shell_deform.contact.contact_field import WallStiffness, wall_stiffness
 from shell_deform.contact.loads import ContactPatch, LoadError, contact_patch
+from shell_deform.contact.outer_face import OuterFace, outer_face
 from shell_deform.contact.pads import Pad
 from shell_deform.supports import (
     SupportRows,
@@ -104,11 +107,21 @@ class ShellModel:
         """
         if not isinstance(self.shell, ThickShell):
             return self
-        if any(contact.pad is not None for contact in contacts):
+        if any(contact.pad is not None or contact.body is not None for contact in contacts):
             raise LoadError('theory thick takes pins; choose theory koiter for pads')
         stamps = [Stamp(contact.point, contact.axis, contact.radius) for contact in contacts]
         shell = self.shell.with_stamps(stamps)
         return self if shell is self.shell else replace(self, shell=shell)
+
+    @cached_property
+    def outer_face(self) -> OuterFace:
+        """Where rigid bodies may touch a thin wall."""
+        return outer_face(self.shell)
+
+    @cached_property
+    def wall_stiffness(self) -> WallStiffness:
+        """What contacts of bodies are stiff against."""
+        return wall_stiffness(self.outer_face, self.surface.vertex_normals(self.rest))
 
     @cached_property
     def rest_volume(self) -> float:
@@ -135,14 +148,36 @@ class ShellModel:
                 f'the face of the pad has a radius of {curvature_radius} m, less than that of its '
                 f'rim, {radius} m'
             )
-        held = min(radius, HELD_SHARE * np.sqrt(self.shell.area))
+        patch, apex = self._first_touched(at, radius)
+        curvature = 0.0 if curvature_radius is None else 1.0 / curvature_radius
+        return replace(patch, pad=Pad(apex, patch.axis, float(radius), curvature))
+
+    def touched_by(
+        self,
+        shape: Shape,
+        at: Array,
+        size: float,
+        along: Array | None = None,
+        friction: float = 0.0,
+    ) -> ContactPatch:
+        """Rigid body that touches the outer face nearest to `at` (3,) [m] with its origin.
+
+        Its z axis is the inward normal there, its x axis as near to `along` (3,) as that allows.
+        `size` [m]: of its face; where no friction holds it, the middle of the patch it first lies
+        on is held instead. Raises BodyError for a body that cannot be.
+        """
+        patch, origin = self._first_touched(at, size)
+        body = Body(shape, origin, frame_of(patch.axis, along), patch.axis, friction)
+        return replace(patch, body=body)
+
+    def _first_touched(self, at: Array, size: float) -> tuple[ContactPatch, Array]:
+        """The patch of a body of this size [m], and the point (3,) of the outer face under it."""
+        held = min(size, HELD_SHARE * np.sqrt(self.shell.area))
         patch = contact_patch(self.surface, at, held)
         wall = self.shell.thickness[
             np.argmin(np.linalg.norm(self.shell.value_matrix() @ self.rest - patch.point, axis=1))
         ]
-        curvature = 0.0 if curvature_radius is None else 1.0 / curvature_radius
-        apex = patch.point - 0.5 * wall * patch.axis
-        return replace(patch, pad=Pad(apex, patch.axis, float(radius), curvature))
+        return patch, patch.point - 0.5 * wall * patch.axis
 
     @cached_property
     def _fixed_values(self) -> Array:

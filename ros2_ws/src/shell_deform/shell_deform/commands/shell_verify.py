@@ -13,6 +13,7 @@ from shell_deform.commands import solid_check
 from shell_deform.commands.console import CommandError, print_json, run
 from shell_deform.verification import (
     closed_forms,
+    friction,
     linear_course,
     plates,
     snap,
@@ -32,6 +33,7 @@ GROUPS: dict[str, Problems] = {
     'snap': snap.problems,
     'spheres': spheres.problems,
     'plates': plates.problems,
+    'friction': friction.problems,
 }
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.assemble.discretisation import Discretisation
+from shell_deform.contact.bodies import Body
 from shell_deform.contact.pads import Pad
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.limit import LimitSurface
@@ -47,7 +48,9 @@ class ContactPatch:
         centre: (n,) basis values at the centre. spread: (n,) their mean over the patch.
         moments: (n, 3) mean over the patch of basis value times offset from the centre [m].
         inertia: mean squared offset across the axis [m^2].
-        pad: the rigid body that touches here; None where the traction is given (a pin).
+        pad: the round bar without friction that touches here, or None.
+        body: any other rigid body that touches here, or None. Without both the traction is
+            given (a pin).
     """
 
     point: Array
@@ -58,6 +61,7 @@ class ContactPatch:
     moments: Array
     inertia: float
     pad: Pad | None = None
+    body: Body | None = None
 
     @property
     def lateral(self) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -11,12 +11,13 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from shell_deform.assemble.thick import ThickShell
-from shell_deform.contact.loads import ContactPatch
+from shell_deform.contact.contact_field import ContactField, contact_field
+from shell_deform.contact.loads import ContactPatch, LoadError
 from shell_deform.contact.pad_contact import PadField, pad_field
 from shell_deform.factor.base import Factor
 from shell_deform.factor.bordered import BorderedFactor
 from shell_deform.model import ShellModel, Tangent, diagonal_entry
-from shell_deform.solve.equilibrium import LoadCase
+from shell_deform.solve.equilibrium import Equilibrium, LoadCase
 from shell_deform.supports import GRIP_TOLERANCE, free_rigid_modes
 
 Array = NDArray[np.float64]
@@ -37,6 +38,7 @@ class Borders:
             the push an unknown: pins only, since a pad pushes by itself.
         loose: (N, l) rigid motions that only the pads prevent, and only while they touch.
         pads: the case's rigid pads, in the order of its contacts, or None.
+        field: the case's other rigid bodies, in the order of its contacts, or None.
         pattern: (3 n, k) nodal forces on the control points that unit pushes amount to, where
             they work on other unknowns; None where that is `push`.
     """
@@ -48,12 +50,21 @@ class Borders:
     driven: NDArray[np.bool_]
     loose: Array
     pads: PadField | None = None
+    field: ContactField | None = None
     pattern: Array | None = None
 
     @property
     def unknown_pushes(self) -> Array:
         """(N, d) patterns of the forces that are unknowns."""
         return self.push[:, self.driven]
+
+    def started(self, here: Equilibrium) -> Borders:
+        """The same, its bodies remembering the state from which a step starts."""
+        if self.field is None:
+            return self
+        still = np.zeros((len(here.force), 6)) if here.motion is None else here.motion
+        field = self.field.started(here.memory, here.positions, here.displacement, still)
+        return replace(self, field=field)
 
 
 def borders(model: ShellModel, case: LoadCase) -> Borders:
@@ -69,10 +80,10 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
     if case.dead_load is not None:
         dead[: len(case.dead_load)] = case.dead_load
     for i, contact in enumerate(contacts):
-        if contact.pad is None:
+        if not case.padded[i]:
             push[:, i], measure[:, i] = pin_rows(model, i, contact)
             pattern[:, i] = contact.force_pattern(contact.axis).reshape(-1)
-        if case.held:
+        if case.held and not _rubs(contact):
             held.extend(_padded(row, count) for row in contact.held_rows())
         if case.lateral is not None:
             dead[: len(model.rest)] += contact.force_pattern(case.lateral[i])
@@ -84,8 +95,9 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
     left = free_rigid_modes(model.free_modes, grip, GRIP_TOLERANCE)
     loose = np.zeros((count, 0))
     pushed = [
-        _padded(contacts[i].displacement_row(), count)
-        for i in np.flatnonzero(case.driven & ~driven)
+        _padded(row, count)
+        for i in np.flatnonzero(case.padded)
+        for row in _barred(contacts[i], bool(case.driven[i]))
     ]
     if pushed and left.shape[1]:
         all_left = left
@@ -101,8 +113,30 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
         driven=driven,
         loose=loose,
         pads=pad_field(model.shell, model.surface, pads, case.driven),
+        field=_field(model, case),
         pattern=pattern if isinstance(model.shell, ThickShell) else None,
     )
+
+
+def _rubs(contact: ContactPatch) -> bool:
+    """Whether friction holds what this contact touches."""
+    return contact.body is not None and contact.body.friction > 0.0
+
+
+def _barred(contact: ContactPatch, driven: bool) -> list[Array]:
+    """Motions (n, 3) of the shell that a rigid body bars while it touches."""
+    rows = [contact.displacement_row()] if driven else []
+    return [*rows, *contact.held_rows()] if _rubs(contact) else rows
+
+
+def _field(model: ShellModel, case: LoadCase) -> ContactField | None:
+    """The bodies of a load case, None without any."""
+    bodies = {i: c.body for i, c in enumerate(case.contacts) if c.body is not None}
+    if not bodies:
+        return None
+    if any(contact.pad is not None for contact in case.contacts):
+        raise LoadError('pads and other bodies in one load case; make all of them bodies')
+    return contact_field(model.outer_face, model.wall_stiffness, bodies, case.driven)
 
 
 def pin_rows(model: ShellModel, number: int, contact: ContactPatch) -> tuple[Array, Array]:

@@ -145,7 +145,13 @@ def _follow(
         guess = state.unknowns + step * direction.reshape(-1, 3)
         found = solver.step(
             driven,
-            StepLoads(np.zeros(1), np.array([position + step]), ray.dead, state.support_target),
+            StepLoads(
+                np.zeros(1),
+                np.array([position + step]),
+                ray.dead,
+                np.zeros((1, 6)),
+                state.support_target,
+            ),
             replace(state, multipliers=np.zeros(driven.held.shape[1])),
             guess,
         )

@@ -8,6 +8,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.contact.contact_field import Memory, Touch
 from shell_deform.contact.loads import ContactPatch
 
 Array = NDArray[np.float64]
@@ -40,6 +41,7 @@ class LoadCase:
         held: whether the mean lateral motion and spin of every patch are kept at zero.
         dead_load: (n, 3) other nodal forces [N], or None.
         support_target: where the model's support conditions are moved to [m], or None.
+        motion: (k, 6) shift [m] and turn [rad] of rigid bodies beside their depth, or None.
     """
 
     contacts: tuple[ContactPatch, ...]
@@ -49,6 +51,7 @@ class LoadCase:
     held: bool = True
     dead_load: Array | None = None
     support_target: Array | None = None
+    motion: Array | None = None
 
     def __post_init__(self) -> None:
         count = len(self.contacts)
@@ -64,6 +67,10 @@ class LoadCase:
             )
         if np.any(np.isinf(self.force)) or np.any(np.isinf(self.displacement)):
             raise LoadCaseError('prescribed forces and displacements must be finite')
+        if self.motion is not None and not (
+            self.motion.shape == (count, 6) and np.all(np.isfinite(self.motion))
+        ):
+            raise LoadCaseError(f'motion must be {count} x 6 finite numbers')
 
     @property
     def driven(self) -> NDArray[np.bool_]:
@@ -72,8 +79,14 @@ class LoadCase:
 
     @property
     def padded(self) -> NDArray[np.bool_]:
-        """(k,) contacts that are rigid pads."""
-        return np.array([contact.pad is not None for contact in self.contacts], dtype=bool)
+        """(k,) contacts that are rigid pads or other bodies."""
+        rigid = [c.pad is not None or c.body is not None for c in self.contacts]
+        return np.array(rigid, dtype=bool)
+
+    @property
+    def motions(self) -> Array:
+        """(k, 6) of the rigid bodies beside their depth, zero where none is given."""
+        return np.zeros((len(self.contacts), 6)) if self.motion is None else self.motion
 
     def refuse_pads(self, method: str) -> None:
         """Raise LoadCaseError where a contact is a pad, which `method` cannot treat."""
@@ -123,6 +136,9 @@ class Equilibrium:
         dead_load: (3 n,) other load carried [N]; empty for none.
         pad_load: (3 n,) what the rigid pads push with [N]; empty for none.
         support_target: where support conditions were moved to [m], or None.
+        touches: what each rigid body does to the points that it presses; not of pads.
+        memory: what the bodies' contacts remember for the next state, None without bodies.
+        motion: (k, 6) of the bodies beside their depth, as in the load case, or None.
         history: up to three states that led here, this one last.
         wall: (., 3) unknowns beside the control points, see `ThickShell`; none in a thin wall.
     """
@@ -145,6 +161,9 @@ class Equilibrium:
     dead_load: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     pad_load: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     support_target: Array | None = field(default=None, repr=False)
+    touches: tuple[Touch, ...] = field(default=(), repr=False)
+    memory: Memory | None = field(default=None, repr=False)
+    motion: Array | None = field(default=None, repr=False)
     history: tuple[PathState, ...] = field(default=(), repr=False)
     wall: Array = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
 

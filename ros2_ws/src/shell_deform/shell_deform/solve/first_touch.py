@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.contact.pads import gap
+from shell_deform.model import ShellModel
 from shell_deform.solve.equilibrium import Equilibrium, forced
 from shell_deform.solve.newton import EquilibriumSolver
 
@@ -35,19 +36,30 @@ def first_touch(
         alone = solver.solve(forced((), []))
     if not alone.converged:
         raise FirstTouchError(f'the object under its own gas: {alone.message}')
-    points = model.shell.value_matrix() @ alone.positions
-    wall = 0.5 * model.shell.thickness
     moved = alone.positions - model.rest
     depth = np.zeros(len(contacts))
     for k, contact in enumerate(contacts):
-        if contact.pad is None:
+        if contact.pad is None and contact.body is None:
             depth[k] = float(np.sum(contact.displacement_row() * moved))
             continue
         for _ in range(STEPS):
-            there = gap(contact.pad, float(depth[k]), points)
-            nearest = int(np.argmin(there.value - wall))
-            step = (there.value - wall)[nearest] / max(there.normal[nearest] @ contact.axis, 0.1)
+            value, normal = _clearance(model, contact, alone.positions, float(depth[k]))
+            nearest = int(np.argmin(value))
+            step = float(value[nearest] / max(normal[nearest] @ contact.axis, 0.1))
             depth[k] += step
             if abs(step) < 1e-12 * contact.radius:
                 break
     return alone, depth
+
+
+def _clearance(
+    model: ShellModel, contact: ContactPatch, control: Array, depth: float
+) -> tuple[Array, Array]:
+    """Distance (p,) [m] of the outer face from a rigid body at a depth [m], and its gradient."""
+    if contact.body is not None:
+        face = model.outer_face.positions(control)
+        there = contact.body.posed(depth, np.zeros(6)).distance(contact.body.shape, face)
+        return there.value, there.normal
+    assert contact.pad is not None
+    near = gap(contact.pad, depth, np.asarray(model.shell.value_matrix() @ control))
+    return near.value - 0.5 * model.shell.thickness, near.normal

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from shell_deform.contact.pad_contact import FIRST_STIFFNESS, LAST_STIFFNESS
 from shell_deform.factor.base import FactorError
 from shell_deform.solve.borders import Borders, borders, negative_directions
+from shell_deform.solve.contact_step import touched_tangent
 from shell_deform.solve.continuation import carried_on
 from shell_deform.solve.equilibrium import End, Equilibrium, LoadCase, PathState
 from shell_deform.solve.newton_step import NewtonOptions, StepSolver
@@ -44,14 +45,16 @@ class EquilibriumSolver(StepSolver):
         start = start or self.rest()
         edge = borders(self.model, case)
         here = self._on_contacts(start, case, edge)
+        edge = edge.started(here)
         first = self._loads_of(here, case)
         goal = StepLoads(
             np.where(case.driven, 0.0, case.force),
             np.where(case.driven, case.displacement, 0.0),
             edge.dead,
+            case.motions,
             case.support_target,
         )
-        by_force = edge.pads is None and not case.driven.any() and case.support_target is None
+        by_force = not case.padded.any() and not case.driven.any() and case.support_target is None
         fraction, step = 0.0, 1.0
         iterations = factorisations = 0
         message = ''
@@ -65,6 +68,7 @@ class EquilibriumSolver(StepSolver):
             if found.converged:
                 passed = PathState(control, found.unknowns)
                 here = replace(found, history=(*here.history, passed)[-3:])
+                edge = edge.started(here)
                 fraction = trial
                 step *= 1.6
                 continue
@@ -92,7 +96,7 @@ class EquilibriumSolver(StepSolver):
             end=end if done or end is End.SNAP else End.LOST,
             unbalance=self._unbalance(edge, here),
             negative_modes=self.negative_modes(edge, here)
-            if self.options.stability or edge.pads is not None
+            if self.options.stability or case.padded.any()
             else None,
         )
 
@@ -170,7 +174,9 @@ class EquilibriumSolver(StepSolver):
         edge = borders(self.model, case)
         zero = self.rest()
         here = self._on_contacts(zero, case, edge)
-        loads = StepLoads(case.force, case.displacement, edge.dead, case.support_target)
+        loads = StepLoads(
+            case.force, case.displacement, edge.dead, case.motions, case.support_target
+        )
         found = self.step(edge, loads, here, linear=True)
         return replace(found, unbalance=self._unbalance(edge, found))
 
@@ -182,6 +188,7 @@ class EquilibriumSolver(StepSolver):
             np.where(case.driven, 0.0, here.force),
             np.where(case.driven, here.displacement, 0.0),
             dead,
+            np.zeros((len(case.contacts), 6)) if here.motion is None else here.motion,
             here.support_target,
         )
 
@@ -194,6 +201,7 @@ class EquilibriumSolver(StepSolver):
             start,
             displacement=np.where(case.padded, start.displacement, moved) if same else moved,
             force=start.force if same else np.zeros(len(case.contacts)),
+            motion=start.motion if same else None,
             multipliers=np.zeros(edge.held.shape[1]),
         )
 
@@ -218,4 +226,8 @@ class EquilibriumSolver(StepSolver):
         if edge.pads is not None:
             press = edge.pads.press(state.positions, state.displacement, state.force)
             tangent = pressed_tangent(tangent, edge.pads, press)
+        if edge.field is not None:
+            motion = np.zeros((len(state.force), 6)) if state.motion is None else state.motion
+            touch = edge.field.press(state.positions, state.displacement, state.force, motion)
+            tangent = touched_tangent(tangent, edge.field, touch)
         return negative_directions(self.system(tangent, symmetric), symmetric)

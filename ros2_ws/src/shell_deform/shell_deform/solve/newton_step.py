@@ -24,6 +24,7 @@ from shell_deform.factor.analysis import (
 from shell_deform.factor.bordered import BorderedFactor
 from shell_deform.model import ShellModel, Tangent
 from shell_deform.solve.borders import Borders, bordered
+from shell_deform.solve.contact_step import ContactStep
 from shell_deform.solve.equilibrium import Equilibrium
 from shell_deform.solve.pads import pressed_state, pressed_tangent
 from shell_deform.solve.prediction import StepLoads
@@ -178,6 +179,8 @@ class StepSolver:
 
         `linear` takes one solve with the tangent at the undeformed shape for the answer.
         """
+        if borders.field is not None:
+            return ContactStep(self, borders, borders.field, loads).run(start, guess)
         options = self.options
         now = self._first(borders, loads, start, guess)
         system: BorderedFactor | None = None
@@ -291,12 +294,12 @@ class StepSolver:
         carried = borders.push @ found.pushes + loads.dead
         held = borders.held @ found.multipliers
         unbalanced = now.gradient - carried + held
-        noise = self._noise_force(now.moved)
+        noise = self.noise_force(now.moved)
         scale = max(
             float(np.linalg.norm(carried)),
             float(np.linalg.norm(held)),
             0.0 if press is None else float(np.linalg.norm(press.gradient)),
-            self._support_force(now.moved.reshape(-1, 3), loads.target),
+            self.support_force(now.moved.reshape(-1, 3), loads.target),
             noise,
         )
         missing = 0.0 if press is None else float(np.linalg.norm(press.missing))
@@ -328,7 +331,7 @@ class StepSolver:
             multipliers=found.multipliers,
             unbalance=np.zeros(6),
             energy=now.energy,
-            gas_pressure=self._gas_pressure(now.positions, linear),
+            gas_pressure=self.gas_pressure(now.positions, linear),
             residual=judged.residual,
             iterations=0,
             factorisations=0,
@@ -339,11 +342,12 @@ class StepSolver:
             return state
         return pressed_state(state, borders.pads, now.press)
 
-    def _support_force(self, moved: Array, target: Array | None) -> float:
+    def support_force(self, moved: Array, target: Array | None) -> float:
+        """Force [N] of the supports on the surface moved by (n, 3), towards `target`."""
         supports = self.model.supports
         return 0.0 if supports is None else float(np.linalg.norm(supports.force(moved, target)))
 
-    def _noise_force(self, free: Array) -> float:
+    def noise_force(self, free: Array) -> float:
         """Force [N] that round-off leaves unbalanced at displacements (N,)."""
         digit = 16.0 * float(np.finfo(float).eps)
         extent = float(np.ptp(self.model.rest, axis=0).max())
@@ -353,7 +357,8 @@ class StepSolver:
             noise += digit * spring * float(np.abs(free).max(initial=0.0))
         return noise
 
-    def _gas_pressure(self, positions: Array, linear: bool) -> float:
+    def gas_pressure(self, positions: Array, linear: bool) -> float:
+        """Overpressure [Pa] at all unknowns, linearised or not."""
         model = self.model
         if not (model.gas.is_sealed or model.pressure):
             return 0.0

@@ -21,12 +21,14 @@ class StepLoads:
 
     Attributes:
         force: (k,) pushes [N], read where they are prescribed. moved: (k,) centre displacements
-            [m], likewise. dead: (N,) other dead load [N]. target: what supports are moved to.
+            [m], likewise. dead: (N,) other dead load [N]. motion: (k, 6) of rigid bodies beside
+            their depth [m, rad]. target: what supports are moved to.
     """
 
     force: Array
     moved: Array
     dead: Array
+    motion: Array
     target: Array | None = None
 
     def towards(self, goal: StepLoads, fraction: float) -> StepLoads:
@@ -39,6 +41,7 @@ class StepLoads:
             self.force + fraction * (goal.force - self.force),
             self.moved + fraction * (goal.moved - self.moved),
             self.dead + fraction * (goal.dead - self.dead),
+            self.motion + fraction * (goal.motion - self.motion),
             target,
         )
 
@@ -48,7 +51,8 @@ def control_of(case: LoadCase, loads: StepLoads) -> Array:
     others = [np.linalg.norm(loads.dead)]
     if loads.target is not None:
         others.append(np.linalg.norm(loads.target))
-    return np.concatenate([np.where(case.driven, loads.moved, loads.force), others])
+    prescribed = np.where(case.driven, loads.moved, loads.force)
+    return np.concatenate([prescribed, loads.motion.ravel(), others])
 
 
 def predicted(here: Equilibrium, control: Array) -> Array | None:

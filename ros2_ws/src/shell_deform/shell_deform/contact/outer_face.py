@@ -1,0 +1,202 @@
+"""The outer face of a shell at points where bodies may touch it, and how it moves.
+
+All that contact knows of a theory: where the outer face is at a point, how that depends on the
+unknowns, and which part of the stiffness a given traction there adds. In Kirchhoff-Love theories
+the face lies half a wall along the normal n of the middle surface, x + h/2 n, with n the
+normalised cross product of the parameter derivatives a1, a2: a point depends on the control points
+through q = (x, a1, a2) alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from shell_deform.assemble.discretisation import Discretisation
+from shell_deform.surface.loop_basis import basis_rows
+from shell_deform.surface.quadrature import triangle_rule
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+# Contact points of every triangle: some lie within a tenth of an edge from its corners, so that
+# first touch is seen; more of them bind the few control points there are too often.
+POINTS_PER_TRIANGLE = 6
+
+
+@dataclass(frozen=True)
+class FacePoints:
+    """The outer face at chosen points of one state.
+
+    Attributes:
+        at: (p,) which points. position: (p, 3) [m]. normal: (p, 3) of the middle surface.
+        change: (p, 3, 3, 3) derivative of the position: [p, a, i, j] of component i by component
+            j of the field a, x, a1 or a2.
+        tangents: (p, 2, 3) a1 and a2. area: (p,) |a1 x a2|.
+    """
+
+    at: Index
+    position: Array
+    normal: Array
+    change: Array
+    tangents: Array
+    area: Array
+
+
+@dataclass(frozen=True)
+class OuterFace:
+    """Contact points of a discretised shell.
+
+    Attributes:
+        shell: the discretisation. element: (p,) element of each point, whose node list it shares.
+        offsets: (p + 1,) basis rows of point p. rows: (r, 3) value and parameter derivatives.
+        weights: (p,) undeformed area of each point [m^2]. half: (p,) half the wall there [m].
+    """
+
+    shell: Discretisation
+    element: Index
+    offsets: Index
+    rows: Array
+    weights: Array
+    half: Array
+
+    @cached_property
+    def matrices(self) -> tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix]:
+        """(p, n) maps from control points to x, a1 and a2."""
+        nodes = np.concatenate([self._nodes(e) for e in self.element])
+        size = (len(self.element), len(self.shell.mesh.vertices))
+        first, second, third = (
+            sp.csr_matrix((self.rows[:, k].copy(), nodes, self.offsets), shape=size)
+            for k in range(3)
+        )
+        return first, second, third
+
+    def _nodes(self, element: int) -> Index:
+        start, end = self.shell.node_offsets[element : element + 2]
+        return self.shell.nodes[start:end]
+
+    def positions(self, control: Array) -> Array:
+        """(p, 3) all points of the outer face [m] at control positions (n, 3)."""
+        value, first, second = self.matrices
+        normal = np.cross(first @ control, second @ control)
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        return np.asarray(value @ control + self.half[:, None] * normal)
+
+    def at(self, control: Array, points: Index) -> FacePoints:
+        """The chosen points with their derivatives."""
+        x, a1, a2 = (matrix[points] @ control for matrix in self.matrices)
+        cross = np.cross(a1, a2)
+        area = np.linalg.norm(cross, axis=1)
+        normal = cross / area[:, None]
+        flat = np.eye(3) - np.einsum('pi,pj->pij', normal, normal)
+        scale = (self.half[points] / area)[:, None, None]
+        change = np.empty((len(points), 3, 3, 3))
+        change[:, 0] = np.eye(3)
+        change[:, 1] = -scale * (flat @ _crossing(a2))
+        change[:, 2] = scale * (flat @ _crossing(a1))
+        position = x + self.half[points][:, None] * normal
+        return FacePoints(points, position, normal, change, np.stack([a1, a2], axis=1), area)
+
+    def forces(self, face: FacePoints, force: Array) -> Array:
+        """Nodal forces (n, 3) of forces (p, 3) [N] at the chosen points."""
+        fields = np.einsum('paij,pi->paj', face.change, force)
+        result = np.zeros_like(self.shell.mesh.vertices)
+        for matrix, field in zip(self.matrices, fields.transpose(1, 0, 2), strict=True):
+            result += matrix[face.at].T @ field
+        return result
+
+    def blocks(self, face: FacePoints, stiffness: Array, force: Array) -> Array:
+        """(p, 3, 3, 3, 3) second derivative by the fields: [p, a, i, b, j].
+
+        Of a potential of the positions with second derivative `stiffness` (p, 3, 3) and gradient
+        -`force` (p, 3).
+        """
+        change = face.change
+        result = np.einsum('pakl,pkm,pbmn->palbn', change, stiffness, change, optimize=True)
+        half = self.half[face.at]
+        result[:, 1:, :, 1:, :] -= half[:, None, None, None, None] * _bent(face, force)
+        return result
+
+    def add(self, face: FacePoints, blocks: Array, data: Array) -> None:
+        """Add blocks (p, 3, 3, 3, 3) at the chosen points to the values of the shell's pattern."""
+        shell, pattern = self.shell, self.shell.pattern
+        element = self.element[face.at]
+        sizes = np.diff(shell.node_offsets)[element]
+        for size in np.unique(sizes).tolist():
+            chosen = np.flatnonzero(sizes == size)
+            own, at = element[chosen], face.at[chosen]
+            nodes = shell.nodes[shell.node_offsets[own][:, None] + np.arange(size)]
+            rows = self.rows[self.offsets[at][:, None] + np.arange(size)]
+            start = pattern.block_start[
+                pattern.block_offsets[own][:, None, None]
+                + size * np.arange(size)[:, None]
+                + np.arange(size)
+            ]
+            row = pattern.row_length[nodes][:, :, None, None, None] * np.arange(3)[:, None]
+            where = start[..., None, None] + row + np.arange(3)
+            half = np.einsum('pka,paibj->pkibj', rows, blocks[chosen], optimize=True)
+            entries = np.einsum('pkibj,plb->pklij', half, rows, optimize=True)
+            data += np.bincount(where.ravel(), entries.ravel(), len(data))
+
+
+def outer_face(shell: Discretisation) -> OuterFace:
+    """Contact points of every active triangle of `shell`."""
+    mesh = shell.mesh
+    active = np.flatnonzero(mesh.active)
+    places, weights = triangle_rule(POINTS_PER_TRIANGLE)
+    element = np.repeat(np.arange(len(active)), len(weights))
+    rows = basis_rows(mesh, active[element], np.tile(places, (len(active), 1)))
+    table = np.column_stack([rows.values, rows.first])
+    size = (len(element), len(mesh.vertices))
+    value, first, second = (
+        sp.csr_matrix((table[:, k].copy(), rows.nodes, rows.node_offsets), shape=size)
+        for k in range(3)
+    )
+    area = np.linalg.norm(np.cross(first @ mesh.vertices, second @ mesh.vertices), axis=1)
+    # The wall is given at the shell's own points; that of a triangle's first one is near enough
+    # where it varies, and exact where it does not.
+    half = 0.5 * shell.thickness[shell.point_offsets[:-1]][element]
+    return OuterFace(
+        shell,
+        element.astype(np.int64),
+        np.asarray(rows.node_offsets, dtype=np.int64),
+        table,
+        np.tile(weights, len(active)) * area,
+        half,
+    )
+
+
+def _crossing(vectors: Array) -> Array:
+    """(p, 3, 3) matrices that take the cross product of (p, 3) with what follows."""
+    result = np.zeros((len(vectors), 3, 3))
+    x, y, z = vectors.T
+    result[:, 0, 1], result[:, 0, 2], result[:, 1, 2] = -z, y, -x
+    return result - result.transpose(0, 2, 1)
+
+
+def _bent(face: FacePoints, force: Array) -> Array:
+    """(p, 2, 3, 2, 3) second derivative of force . n by (a1, a2)."""
+    normal, area = face.normal, face.area
+    a1, a2 = face.tangents[:, 0], face.tangents[:, 1]
+    flat = np.eye(3) - np.einsum('pi,pj->pij', normal, normal)
+    # Derivatives (p, 2, 3, 3) of the cross product d; n = d / |d|.
+    first = np.stack([-_crossing(a2), _crossing(a1)], axis=1)
+    along = np.einsum('pi,pi->p', normal, force)
+    tangent = force - along[:, None] * normal
+    across = np.einsum('paij,pi->paj', first, tangent)
+    rising = np.einsum('paij,pi->paj', first, normal)
+    result = -np.einsum('pai,pbj->paibj', across, rising)
+    result -= np.einsum('pai,pbj->paibj', rising, across)
+    result -= along[:, None, None, None, None] * np.einsum(
+        'pakl,pkm,pbmn->palbn', first, flat, first, optimize=True
+    )
+    result /= (area**2)[:, None, None, None, None]
+    # The cross product is bilinear in a1 and a2.
+    mixed = _crossing(tangent) / area[:, None, None]
+    result[:, 0, :, 1, :] -= mixed
+    result[:, 1, :, 0, :] += mixed
+    return result

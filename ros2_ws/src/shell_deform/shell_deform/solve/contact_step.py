@@ -1,0 +1,246 @@
+"""One load step with rigid bodies in contact: Newton's method and multipliers in one loop.
+
+Multipliers are warm from the last state. As soon as the forces nearly balance they take over the
+tractions found, and the iteration goes on with the same factorisation until who touches, or who
+sticks, changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.contact.contact_field import ContactField, Press
+from shell_deform.factor.analysis import FactorError
+from shell_deform.factor.bordered import BorderedFactor
+from shell_deform.model import Tangent
+from shell_deform.solve.borders import Borders
+from shell_deform.solve.equilibrium import Equilibrium
+from shell_deform.solve.prediction import StepLoads
+
+if TYPE_CHECKING:
+    from shell_deform.solve.newton_step import StepSolver
+
+Array = NDArray[np.float64]
+
+# Residual below which multipliers take over the tractions found.
+AUGMENT_BELOW = 1e-3
+# Largest creep of a sticking point in one step, in wall thicknesses, and the largest share of the
+# force that the multipliers do not carry yet.
+LARGEST_CREEP, LARGEST_SHARE = 1e-5, 3e-4
+# Iterations in one load step.
+MOST_ITERATIONS = 60
+# Where taking over leaves more than this share of what points sank in, contacts become so many
+# times as stiff.
+SLOW, STIFFENING = 0.5, 3.0
+# After some iterations, in which contact regions find their place, a step that turns the work of
+# the forces along it to less than minus this share is cut, at most so often and to no less than
+# this share at a time.
+FREE_ITERATIONS = 6
+OVERSHOOT, MOST_CUTS, SMALLEST_CUT = 0.5, 5, 0.1
+
+
+class ContactStep:
+    """One load step from a state; `run` takes it."""
+
+    def __init__(
+        self, solver: StepSolver, edge: Borders, field: ContactField, loads: StepLoads
+    ) -> None:
+        self._solver, self._edge, self._field, self._loads = solver, edge, field, loads
+        self._model, self._options = solver.model, solver.options
+        self._wall = float(self._model.shell.thickness.max())
+        self._iterations = self._factorisations = 0
+        self._sunk = np.inf
+        self._border = np.zeros(0)
+        driven = edge.driven
+        self._fixed_push = edge.push[:, ~driven] @ loads.force[~driven] + loads.dead
+
+    def run(self, here: Equilibrium, guess: Array | None = None) -> Equilibrium:
+        """The state under the loads, or `here`, not converged, with the reason."""
+        positions = here.positions if guess is None else guess
+        self._free = (positions - self._model.rest).reshape(-1)
+        depth = self._field.start(self._loads.moved, here.displacement)
+        press = self._press(depth)
+        message = self._iterate(press)
+        if not message:
+            return self._state()
+        return replace(
+            here,
+            converged=False,
+            message=message,
+            iterations=self._iterations,
+            factorisations=self._factorisations,
+        )
+
+    def _press(self, depth: Array) -> Press:
+        loads = self._loads
+        return self._field.press(self._positions, depth, loads.force, loads.motion)
+
+    @property
+    def _positions(self) -> Array:
+        return self._model.rest + self._free.reshape(-1, 3)
+
+    def _iterate(self, press: Press) -> str:
+        """Iterate to the end; why there was none, or nothing."""
+        options = self._options
+        system: BorderedFactor | None = None
+        pressed, previous, gradient = press, 1.0, np.zeros(0)
+        while self._iterations < MOST_ITERATIONS:
+            if system is None:
+                if self._factorisations == options.pad_factorisations:
+                    break
+                tangent = self._tangent(press)
+                if not np.all(np.isfinite(tangent.gradient)):
+                    return 'the surface folded onto itself'
+                gradient, pressed = tangent.gradient, press
+                self._factorisations += 1
+                try:
+                    system = self._solver.system(tangent, self._edge)
+                except FactorError as error:
+                    return str(error)
+            step, why = self._solved(system, gradient, pressed, press)
+            if why:
+                return why
+            press, residual, gradient = self._along(step, gradient, pressed, press)
+            if not np.isfinite(residual):
+                return 'the surface folded onto itself'
+            largest = float(np.abs(step).max(initial=0.0))
+            balanced = residual < options.tolerance + self._noise or (
+                largest < options.settled_move * self._wall and residual < options.chord_residual
+            )
+            settled = self._settled(press)
+            if balanced and settled:
+                self._final = press
+                return ''
+            if not settled and residual < AUGMENT_BELOW:
+                sunk = self._field.unsettled(press)[0]
+                self._field = self._field.augmented(press)
+                if sunk > SLOW * self._sunk and sunk > self._options.penetration * self._wall:
+                    self._field, system = self._field.stiffer(STIFFENING), None
+                self._sunk = sunk
+                press = self._press(press.depth)
+                residual, gradient = self._residual(press)
+            elif residual > min(options.contraction * previous, options.chord_residual):
+                system = None
+            previous = residual
+        return 'Newton iterations did not converge'
+
+    def _tangent(self, press: Press) -> Tangent:
+        """The shell's tangent with the bodies' part."""
+        tangent = self._model.tangent(
+            self._positions, self._loads.target, self._free.reshape(-1, 3)
+        )
+        return touched_tangent(tangent, self._field, press)
+
+    def _solved(
+        self, system: BorderedFactor, gradient: Array, pressed: Press, press: Press
+    ) -> tuple[Array, str]:
+        """Take one iteration: the step (N,), and why it cannot be taken, or nothing."""
+        edge = self._edge
+        lacking = (self._loads.moved - edge.measure.T @ self._free)[edge.driven]
+        below = np.concatenate([lacking, -edge.held.T @ self._free])
+        unbalanced = self._fixed_push - gradient - pressed.eliminated(press)
+        step, self._border = system.solve(unbalanced, below, refinements=1)
+        self._iterations += 1
+        if not np.all(np.isfinite(step)):
+            return step, 'the stiffness is singular'
+        largest = float(np.abs(step).max(initial=0.0))
+        if largest > self._options.largest_move * self._wall:
+            return step, f'an iteration moved the surface by {1e3 * largest:.1f} mm'
+        return step, ''
+
+    def _along(
+        self, step: Array, gradient: Array, pressed: Press, press: Press
+    ) -> tuple[Press, float, Array]:
+        """Go along a step, no further than where the energy of contact and wall stops to fall."""
+        start, share = self._free, 1.0
+        depth = pressed.follow(press, step) - press.depth
+        before = float((self._fixed_push - gradient) @ step + press.missing @ depth)
+        for _ in range(MOST_CUTS):
+            self._free = start + share * step
+            now = self._press(press.depth + share * depth)
+            residual, gradient = self._residual(now)
+            after = float((self._fixed_push - gradient) @ step + now.missing @ depth)
+            if (
+                self._iterations <= FREE_ITERATIONS
+                or not before > 0.0
+                or after > -OVERSHOOT * before
+                or residual < AUGMENT_BELOW
+            ):
+                break
+            share *= max(SMALLEST_CUT, before / (before - after))
+        return now, residual, gradient
+
+    def _residual(self, press: Press) -> tuple[float, Array]:
+        """Unbalanced force over the loads, and the gradient (N,) it comes from."""
+        edge, loads = self._edge, self._loads
+        moved = self._free.reshape(-1, 3)
+        self._energy, gradient = self._model.gradient(self._positions, loads.target, moved)
+        gradient = gradient + press.gradient.reshape(-1)
+        self._pushes = np.where(edge.driven, 0.0, loads.force)
+        self._pushes[edge.driven] = self._border[: int(edge.driven.sum())]
+        held = edge.held @ self._border[int(edge.driven.sum()) :]
+        carried = edge.push @ self._pushes + loads.dead
+        noise = self._solver.noise_force(self._free)
+        scale = max(
+            float(np.linalg.norm(carried)),
+            float(np.linalg.norm(held)),
+            float(np.linalg.norm(press.gradient)),
+            self._solver.support_force(moved, loads.target),
+            noise,
+        )
+        self._noise = noise / scale
+        loose = float(np.linalg.norm(gradient - carried + held))
+        self._last = float(np.hypot(loose, np.linalg.norm(press.missing))) / scale
+        return self._last, gradient
+
+    def _settled(self, press: Press) -> bool:
+        """Whether points hardly sink in, hardly creep, and multipliers carry the force."""
+        sunk, crept, share = self._field.unsettled(press)
+        return (
+            sunk < self._options.penetration * self._wall
+            and crept < LARGEST_CREEP * self._wall
+            and share < LARGEST_SHARE
+        )
+
+    def _state(self) -> Equilibrium:
+        edge, press = self._edge, self._final
+        force, depth = self._pushes.copy(), edge.measure.T @ self._free
+        contacts = self._field.contacts
+        force[contacts], depth[contacts] = press.force[contacts], press.depth[contacts]
+        return Equilibrium(
+            converged=True,
+            message='',
+            positions=self._positions,
+            force=force,
+            displacement=depth,
+            multipliers=self._border[int(edge.driven.sum()) :],
+            unbalance=np.zeros(6),
+            energy=self._energy,
+            gas_pressure=self._solver.gas_pressure(self._positions, False),
+            residual=self._last,
+            iterations=self._iterations,
+            factorisations=self._factorisations,
+            dead_load=self._loads.dead,
+            support_target=self._loads.target,
+            pad_load=-press.gradient.reshape(-1),
+            touches=press.touches,
+            memory=self._field.remembered(press, self._positions),
+            motion=self._loads.motion,
+        )
+
+
+def touched_tangent(tangent: Tangent, field: ContactField, press: Press) -> Tangent:
+    """The shell's tangent with the bodies' part."""
+    data = tangent.stiffness.data.copy()
+    field.add(press, data)
+    return replace(
+        tangent,
+        gradient=tangent.gradient + press.gradient.reshape(-1),
+        stiffness=field.face.shell.pattern.matrix(data),
+        pad_rows=press.rows,
+        pad_corner=press.corner,
+    )

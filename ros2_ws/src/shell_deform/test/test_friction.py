@@ -1,0 +1,124 @@
+"""Rigid bodies with friction: tangent, slip, stick, hold."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shell_deform.contact.contact_field import contact_field
+from shell_deform.contact.outer_face import outer_face
+from shell_deform.solve.equilibrium import LoadCaseError, displaced
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.verification import friction as verification_friction
+from shell_deform.verification.friction import plated, squeezed
+
+MU = 0.3
+
+
+@pytest.fixture(scope='module')
+def held():
+    """A ball between two plates with friction, squeezed by four tenths of its wall."""
+    model, contacts = plated(MU, 400)
+    solver = EquilibriumSolver(model)
+    states = squeezed(solver, contacts, 1e-4 * np.arange(1, 5))
+    assert all(state.converged for state in states)
+    return model, contacts, solver, states[-1]
+
+
+def pulled(held, share):
+    """The state under a pull across the plates that is a share of what friction can hold."""
+    model, contacts, solver, state = held
+    area = model.shell.value_matrix().T @ model.shell.weights
+    dead = np.zeros_like(model.rest)
+    dead[:, 0] = area / area.sum() * share * 2.0 * MU * state.force[0]
+    case = replace(displaced(contacts, [4e-4, 4e-4]), dead_load=dead)
+    return solver.solve(case, state), dead
+
+
+def test_the_outer_face_has_these_derivatives(held):
+    model = held[0]
+    face, random = outer_face(model.shell), np.random.default_rng(0)
+    control = model.rest + 1e-3 * random.normal(size=model.rest.shape)
+    chosen = np.sort(random.choice(len(face.weights), 40, replace=False))
+    force, hard = random.normal(size=(40, 3)), random.normal(size=(40, 3, 3))
+    hard = hard + hard.transpose(0, 2, 1)
+    start = face.at(control, chosen).position
+
+    def gradient(at):
+        there = face.at(at, chosen)
+        pull = force - np.einsum('pij,pj->pi', hard, there.position - start)
+        return -face.forces(there, pull)
+
+    here = face.at(control, chosen)
+    values = np.zeros(len(model.shell.pattern.indices))
+    face.add(here, face.blocks(here, hard, force), values)
+    matrix = model.shell.pattern.matrix(values)
+    assert abs(matrix - matrix.T).max() < 1e-12 * abs(matrix).max()
+    direction = random.normal(size=control.shape)
+    step = 1e-8
+    slope = (gradient(control + step * direction) - gradient(control - step * direction)) / (
+        2.0 * step
+    )
+    ours = (matrix @ direction.ravel()).reshape(-1, 3)
+    np.testing.assert_allclose(ours, slope, atol=1e-6 * np.abs(slope).max())
+
+
+def test_friction_keeps_the_tangent_symmetric(held):
+    model, contacts, _, state = held
+    field = contact_field(
+        model.outer_face, model.wall_stiffness, {0: contacts[0].body, 1: contacts[1].body},
+        np.ones(2, bool),
+    ).started(state.memory, state.positions, state.displacement, np.zeros((2, 6)))  # fmt: skip
+    shaken = state.positions + 1e-7 * np.random.default_rng(1).normal(size=state.positions.shape)
+    press = field.press(shaken, state.displacement, state.force, np.zeros((2, 6)))
+    values = np.zeros(len(model.shell.pattern.indices))
+    field.add(press, values)
+    matrix = model.shell.pattern.matrix(values)
+    assert abs(matrix - matrix.T).max() < 1e-12 * abs(matrix).max()
+
+
+def test_all_friction_of_a_plate_stays_below_mu_times_its_push(held):
+    for touch in pulled(held, 0.5)[0].touches:
+        size = np.linalg.norm(touch.friction, axis=1)
+        assert size @ touch.weights <= 1.001 * MU * (touch.pressure @ touch.weights)
+
+
+def test_plates_hold_a_pull_below_their_friction_and_share_it(held):
+    state, dead = pulled(held, 0.5)
+    assert state.converged
+    forces = np.array([touch.force for touch in state.touches])
+    np.testing.assert_allclose(forces[:, 0].sum(), -dead[:, 0].sum(), rtol=1e-6)
+    np.testing.assert_allclose(forces[0, 0], forces[1, 0], rtol=1e-4)
+
+
+def test_two_plates_let_go_between_95_and_101_percent_of_twice_mu_n(held):
+    model, contacts, solver, _ = held
+    state = pulled(held, 0.8)[0]
+    state, _ = pulled((model, contacts, solver, replace(state, force=held[3].force)), 0.95)
+    assert state.converged
+    moved = np.linalg.norm(state.positions - held[3].positions, axis=1).max()
+    assert moved < 1e-3
+    lost, _ = pulled((model, contacts, solver, replace(state, force=held[3].force)), 1.01)
+    assert not lost.converged
+
+
+def test_the_moment_of_a_plate_that_slips_all_over_is_mu_times_the_arm_of_its_pressure():
+    row = next(verification_friction.spin(400))
+    assert row.value > 0.0
+    assert row.passed
+
+
+def test_friction_stiffens_a_squeeze_as_it_does_in_a_solid():
+    rows = list(
+        verification_friction._forces(
+            {**verification_friction.kept_friction(), 'depth_m': [5e-4]}, MU, [21.21], 650
+        )
+    )
+    assert rows[0].passed
+
+
+def test_a_motion_that_fits_no_contact_is_refused(held):
+    contacts = held[1]
+    for motion in (np.zeros((1, 6)), np.full((2, 6), np.nan)):
+        with pytest.raises(LoadCaseError, match='motion must be 2 x 6 finite numbers'):
+            replace(displaced(contacts, [0.0, 0.0]), motion=motion)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from grasp_replay.grasp_rows import grasp_document
 from grasp_replay.pipeline import REGISTERED_BY, Outcome, Row
 from grasp_replay.theories import THEORIES
 from scan_compare.ranking import rank
@@ -64,7 +65,10 @@ def document(outcome: Outcome, published: list[dict[str, Any]]) -> dict[str, Any
         'face': 'outer face: middle surface + half the thickness along the deformed normal',
         'scanner_sigma_m': outcome.experiment.scanner_sigma,
         'samples': len(outcome.recording.samples),
-        'rows': [row_document(row) for row in outcome.rows],
+        'rows': [
+            {**row_document(row), 'grasp': grasp_document(outcome.shell, row)}
+            for row in outcome.rows
+        ],
         'published': published,
     }
 

@@ -93,6 +93,19 @@ def test_the_document_has_the_keys_of_the_contract(outcome: Outcome) -> None:
             assert set(numbers) >= CONTRACT_KEYS
 
 
+def test_each_row_says_what_its_grasp_holds(outcome: Outcome) -> None:
+    for row in document(outcome, [])['rows']:
+        grasp = row['grasp']
+        # Pins face to face: hardly any friction is needed, and two of them lift twice mu N.
+        assert grasp['closed']
+        assert grasp['needed_friction'] < 0.1
+        lifted = 2.0 * grasp['friction_given'] * row['force_n']
+        assert grasp['gravity_capacity_n'] == pytest.approx(lifted, rel=0.05)
+        assert grasp['largest_strain'] > 0.0
+        assert grasp['yields'] is None
+        assert 'no gauge sees' in grasp['note']
+
+
 def test_two_runs_give_the_same_bytes_without_paths(grasp: Path, outcome: Outcome) -> None:
     first = json_text(document(outcome, []))
     second = json_text(document(run(grasp, PipelineOptions(changes=COARSE)), []))

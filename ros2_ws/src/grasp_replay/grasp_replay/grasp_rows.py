@@ -1,0 +1,58 @@
+"""The grasp of each row of a report: does it close, with which friction, what does it lift."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from grasp_replay.pipeline import Row
+from grasp_replay.theories import TheorySet
+from shell_deform.factor.base import FactorError
+from shell_deform.grasp.cone import ConeError
+from shell_deform.grasp.measures import Doubt, Held, Task, measure
+from shell_deform.grasp.reading import read_contacts, read_response, read_wall
+from shell_deform.grasp.window import Limits
+from shell_deform.solve.newton import EquilibriumSolver
+
+FRICTION, FRICTION_SIGMA = 0.5, 0.1
+"""No recording holds it; what closure needs does not depend on it."""
+
+POINT_SIGMA, NORMAL_SIGMA = 2e-4, 0.02
+STRAIN_LIMIT = 0.2
+
+
+def grasp_document(shell: TheorySet, row: Row) -> dict[str, Any]:
+    """Measures of the row's grasp on the shape that koiter theory gives, or why there are none."""
+    state = row.solved['koiter'].state
+    if not state.converged:
+        return {'failed': state.message}
+    model = shell.models['koiter']
+    count = len(row.patches)
+    grasp = read_contacts(model, row.patches, state, FRICTION)
+    try:
+        response = read_response(EquilibriumSolver(model), row.patches, state, grasp)
+        wall = read_wall(model, state.positions)
+        limit = shell.shell.yield_stress_pa
+        limits = Limits(
+            stress=wall.stress / limit if limit else 0.0, strain=wall.strain / STRAIN_LIMIT
+        )
+        held = Held(response.centre, response.sharing, response.compliance, state.energy, limits)
+        doubt = Doubt(
+            np.asarray(row.contacts.sigma, float),
+            np.zeros(count),
+            np.full(count, POINT_SIGMA),
+            np.full(count, NORMAL_SIGMA),
+        )
+        told = measure(grasp, held, Task(friction_sigma=FRICTION_SIGMA), doubt).to_json()
+    except (FactorError, ConeError) as error:
+        return {'failed': str(error)}
+    return {
+        'friction_given': FRICTION,
+        'friction_sigma_given': FRICTION_SIGMA,
+        **told,
+        'largest_stress_pa': wall.stress,
+        'largest_strain': wall.strain,
+        'yields': None if limit is None else bool(wall.stress > limit),
+        'dent_push_n': float(row.force * limit / wall.stress) if limit and wall.stress else None,
+    }

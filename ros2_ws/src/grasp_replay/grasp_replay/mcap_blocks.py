@@ -93,6 +93,18 @@ class Block:
     end: int = 0
 
 
+@dataclass(frozen=True)
+class Attachment:
+    """A sound attachment: its names, times in ns, and where its `size` bytes begin."""
+
+    name: str
+    media_type: str
+    log_time: int
+    create_time: int
+    offset: int
+    size: int
+
+
 @dataclass
 class Definitions:
     """The schemas and channels of a file, by id."""

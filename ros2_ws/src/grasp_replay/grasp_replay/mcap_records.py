@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 from grasp_replay.mcap_blocks import (
@@ -20,6 +21,11 @@ from grasp_replay.mcap_blocks import (
     parse_chunk_header,
 )
 
+# Record prefix, start, end, uncompressed size, checksum, compression name.
+CHUNK_SIGNATURE = re.compile(
+    rb'\x06(?=.{8}.{28}(?:\x00\x00\x00\x00|\x03\x00\x00\x00lz4|\x04\x00\x00\x00zstd))', re.DOTALL
+)
+SIGNATURE_BYTES = 9 + 28 + 8
 # How each record with variable or fixed fields proves its own length.
 SMALL_RECORDS: dict[int, Callable[[Fields], object]] = {
     HEADER: lambda fields: (fields.text(), fields.text()),

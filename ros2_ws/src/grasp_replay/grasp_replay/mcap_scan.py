@@ -7,7 +7,6 @@ nothing is allocated on the word of a damaged length.
 
 from __future__ import annotations
 
-import re
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -27,6 +26,7 @@ from grasp_replay.mcap_blocks import (
     METADATA,
     RECORD_PREFIX,
     SCHEMA,
+    Attachment,
     Block,
     Damage,
     Definitions,
@@ -37,18 +37,19 @@ from grasp_replay.mcap_blocks import (
     parse_chunk_header,
     read_summary,
 )
-from grasp_replay.mcap_records import SMALL_RECORDS, is_whole, reads_as_another
+from grasp_replay.mcap_records import (
+    CHUNK_SIGNATURE,
+    SIGNATURE_BYTES,
+    SMALL_RECORDS,
+    is_whole,
+    reads_as_another,
+)
 from grasp_replay.packed import is_packed
 
 # Messages outside chunks are gathered into runs of about this many bytes.
 RUN_BYTES = 2**20
 # Bytes read at once while looking for the next chunk after damage.
 SEARCH_BYTES = 2**20
-# Record prefix, start, end, uncompressed size, checksum, compression name.
-CHUNK_SIGNATURE = re.compile(
-    rb'\x06(?=.{8}.{28}(?:\x00\x00\x00\x00|\x03\x00\x00\x00lz4|\x04\x00\x00\x00zstd))', re.DOTALL
-)
-SIGNATURE_BYTES = 9 + 28 + 8
 # Bytes of an attachment or of the whole data section that are summed up at once.
 CHECKED_BYTES = 2**20
 # A record that claims more than this is not believed before its bytes are there.
@@ -72,18 +73,6 @@ class CheckedBlock:
     start: int
     end: int
     counts: dict[int, int]
-
-
-@dataclass(frozen=True)
-class Attachment:
-    """A sound attachment: its names, times in ns, and where its `size` bytes begin."""
-
-    name: str
-    media_type: str
-    log_time: int
-    create_time: int
-    offset: int
-    size: int
 
 
 @dataclass

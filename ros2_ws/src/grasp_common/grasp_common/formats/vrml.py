@@ -224,8 +224,7 @@ class _Parser:
     def _field(self, node: Node, depth: int) -> None:
         key = self._word()
         if key == 'ROUTE':
-            self._route()
-            return
+            return self._route()
         if key == 'Script' or node.type == 'Script':
             raise ScanFileError('VRML Script is not supported; export plain geometry')
         if not self._skip_space():

@@ -42,6 +42,9 @@ Array = NDArray[np.float64]
 UNBALANCED_SHARE = 0.01
 """An unbalanced moment below this share of the pushes times the object's size is not told."""
 
+FEWEST_POINTS = 10
+"""Quadrature points that a contact patch needs before its size means anything."""
+
 
 class SqueezeError(ValueError):
     """A squeeze that was not asked for in one way, or that no equilibrium carries.
@@ -341,6 +344,12 @@ def warnings_of(model: ShellModel, state: Equilibrium, readout: Readout) -> tupl
     found = [thickness_warning(model)]
     if state.end is End.SNAP:
         found.append('the shell snaps on the way: a jump under dead load may land elsewhere')
+    fewest = min((count for count in state.pressed_points if count), default=FEWEST_POINTS)
+    if fewest < FEWEST_POINTS:
+        found.append(
+            f'a contact patch holds {fewest} quadrature points, fewer than {FEWEST_POINTS}: its '
+            'size and pressure are a guess, its depth and force coarse; take more control vertices'
+        )
     moment = float(np.linalg.norm(state.unbalance[3:]))
     arm = UNBALANCED_SHARE * float(np.ptp(model.rest, axis=0).max())
     if model.supports is None and moment > arm * float(np.abs(state.force).sum()):

@@ -19,9 +19,11 @@ from shell_deform.objects.shell_object import (
     ShellObject,
     Sphere,
 )
+from shell_deform.readout import read_out
 from shell_deform.solve.equilibrium import displaced, forced
 from shell_deform.solve.first_touch import first_touch
 from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.squeeze import warnings_of
 
 WIDE, LONG, SHELL = 22e-3, 28.5e-3, 0.36e-3
 ENDS = ((0.0, 0.0, LONG), (0.0, 0.0, -LONG))
@@ -133,3 +135,26 @@ def test_energy_is_that_of_strain_and_gas_however_pads_are_driven():
     np.testing.assert_allclose(
         by_depth.energy, model.shell.energy('koiter', by_depth.positions), rtol=1e-9
     )
+
+
+def test_a_patch_of_few_quadrature_points_is_told():
+    ball = ShellObject(
+        'ball', Sphere(0.06), 2e-3, 1e6, 0.4,
+        contacts=tuple(Contact((0, 0, z), 0.02, 'pad') for z in (0.03, -0.03)),
+    )  # fmt: skip
+    model = build_model(ball)
+    solver = EquilibriumSolver(model)
+    contacts = object_contacts(ball, model)
+    told = []
+    for depth in (5e-5, 2e-3):
+        state = solver.solve(displaced(contacts, [depth, depth]))
+        told.append(
+            [
+                w
+                for w in warnings_of(model, state, read_out(model, state.positions))
+                if 'patch' in w
+            ]
+        )
+        assert len(told[-1]) == (min(state.pressed_points) < 10)
+    assert 'quadrature points, fewer than 10' in told[0][0]
+    assert not told[1]

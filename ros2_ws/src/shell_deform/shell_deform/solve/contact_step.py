@@ -227,6 +227,7 @@ class ContactStep:
             dead_load=self._loads.dead,
             support_target=self._loads.target,
             pad_load=-press.gradient.reshape(-1),
+            pressed_points=tuple(len(touch.pressure) for touch in press.touches),
             touches=press.touches,
             memory=self._field.remembered(press, self._positions),
             motion=self._loads.motion,

@@ -136,6 +136,7 @@ class Equilibrium:
         dead_load: (3 n,) other load carried [N]; empty for none.
         pad_load: (3 n,) what the rigid pads push with [N]; empty for none.
         support_target: where support conditions were moved to [m], or None.
+        pressed_points: how many quadrature points each rigid pad or body presses.
         touches: what each rigid body does to the points that it presses; not of pads.
         memory: what the bodies' contacts remember for the next state, None without bodies.
         motion: (k, 6) of the bodies beside their depth, as in the load case, or None.
@@ -161,6 +162,7 @@ class Equilibrium:
     dead_load: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     pad_load: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     support_target: Array | None = field(default=None, repr=False)
+    pressed_points: tuple[int, ...] = ()
     touches: tuple[Touch, ...] = field(default=(), repr=False)
     memory: Memory | None = field(default=None, repr=False)
     motion: Array | None = field(default=None, repr=False)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from shell_deform.contact.pad_contact import PadField, Press, add_point_blocks
 from shell_deform.model import Tangent
 from shell_deform.solve.equilibrium import Equilibrium
@@ -28,4 +30,5 @@ def pressed_state(state: Equilibrium, pads: PadField, press: Press) -> Equilibri
     force[pads.contacts] = press.force[pads.contacts]
     depth[pads.contacts] = press.depth[pads.contacts]
     load = -press.gradient.reshape(-1)
-    return replace(state, force=force, displacement=depth, pad_load=load)
+    pressed = tuple(int(np.count_nonzero(row)) for row in press.pressure)
+    return replace(state, force=force, displacement=depth, pad_load=load, pressed_points=pressed)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fixtures for every test: an own ROS domain, and real processes that never outlive their test."""
 
 from __future__ import annotations

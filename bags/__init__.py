@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recorded experiments and what makes them: solid truth, scanner, recording."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An axisymmetric rubber ball between two pins, as a solid: mesh, deck and sealed gas.
 
 The upper half of a hollow sphere in CAX8R elements; x is the distance from the axis, y the axis.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CalculiX as the independent source of shape truth: run a deck, read back its printed tables.
 
 Only the generator of the recordings needs the solver (`ccx`, Debian package `calculix-ccx`).

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A raw recording put in canonical order, so that equal experiments give equal messages.
 
 The recorder writes messages as they arrive from several processes; here they are checked for

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Words and truth beside a recording: experiment.yaml, README.md, truth.yaml, two .npz files."""
 
 from __future__ import annotations

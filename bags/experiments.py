@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The recordings: what is grasped, by which programme, seen from where, and what it is not."""
 
 from __future__ import annotations

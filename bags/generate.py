@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Make the recordings again: `python bags/generate.py [names] [--solid]`.
 
 Without --solid the kept solid solutions are used; with it CalculiX solves them again first.

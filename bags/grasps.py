@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the fingers stand when their pins touch an object, and where the object then is.
 
 Uses the emulator's own finger geometry: the hand frame, one plane per finger. A pin touches

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Quadratic hexahedra (C3D20R) through the wall of a shell, built from a quadrilateral mesh.
 
 A patch is a rectangular grid of points on the middle surface with unit normals; patches that

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The served surface against the solids: `python -m bags.live_bias [RECORDING ...]`.
 
 Contacts and object poses of the recordings go through tick and background solver as in the node,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How the fingers move and when is scanned: the programmes of the recordings.
 
 Every programme begins with the tare and a scan of the undeformed object.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Record a staged grasp from the live nodes, in lockstep on simulated time.
 
 This process plays the world: it moves the emulated hand, publishes /clock, the scans and the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A desktop laser scanner, simulated: views, noise along the ray, occlusion, merging, thinning.
 
 Modelled on the NextEngine in its Macro mode, whose stated accuracy is 0.127 mm; an independent

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a recording's programme can do: move, hold, scan; keeps the rows and their truth."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where fingers and objects stand in each recording, and the object files that go with them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Solve every kept solid model again (needs CalculiX)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The two-finger ball and the sphere series: solid solutions kept as small files in SI units."""
 
 from __future__ import annotations

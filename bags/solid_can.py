@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The half soda can under one pin, as a thin St Venant solid: quarter model with symmetry.
 
 Lengths in mm, forces in N. The axis of the can is z, its crown is at +y, its straight edges lie

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A free-form plastic cup gripped off its axis: half of it as a thin neo-Hooke solid.
 
 The cup stands on z = 0 with its foot clamped; its wall follows a curved profile, its rim is free.

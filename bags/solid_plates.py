@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A hollow sphere between two rigid plates as a solid with contact, kept as a small file.
 
 The oracle of the rigid pads of `shell_deform`: it shares no code and no theory with them.

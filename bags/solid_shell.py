@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A shell as a 3-D solid in CalculiX: deck, load history, sealed gas, kept result.
 
 Lengths in mm, forces in N, pressures in MPa inside; results are kept in SI units.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ball under three pins 120 degrees apart on its equator: a twelfth of it as a solid.
 
 The sector lies between the mirror planes y = 0 (through the first contact, on +x), 60 degrees

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stage of a recording: an emulated hand on a pty, an object between its pins, and the truth.
 
 Everything here lives on simulated time and is fixed by a seed. The hand is the emulator of

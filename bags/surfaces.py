@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Deformed outer faces from the kept solid solutions, as fine triangle meshes in SI units.
 
 The scanner simulator samples these; nothing here knows a shell theory.

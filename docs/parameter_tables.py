@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The parameter tables of the package READMEs, from the declarations: `make tables`.
 
 Each README carries its table between the two marks below; a test asserts that they are in step.

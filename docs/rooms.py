@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The picture of the rooms of `shell_deform` in architecture.md, from the imports: `make tables`.
 
 Read from the syntax trees of all modules, lazy imports inside functions and those for types alone

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The documentation site, `make docs`: the pages as they are, and a reference from docstrings.
 
 MkDocs reads one folder; this puts it together in `out/docs`: the README, `docs/`, the READMEs of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """tf2_msgs and control_msgs for an environment of wheels, which has none: generated and compiled.
 
 On a robot cell both come from apt. Here the few interfaces that the nodes use are generated from

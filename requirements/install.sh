@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
 # install.sh PYTHON VENV LOCK EDITABLE...: an environment from a hashed lock, with uv when it is there.
 set -eu
 python=$1 venv=$2 lock=$3

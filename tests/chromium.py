@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The headless Chromium of tests and pictures: Debian's, with software rendering, no network."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`make demo`: a recorded grasp through the live nodes, then the paper's Table I beside ours.
 
 Three real processes on a ROS domain of their own: `replay` sends the recording, `deformation`

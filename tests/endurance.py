@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The whole suite at full rate, one core kept busy: `endurance.py --minutes 30`.
 
 Emulated hand, deformation, scan_compare, the page and a recording of everything; the hand moves,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the executables under test are: of a colcon install, else beside this interpreter."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Do the tests see? Small changes of the code, sampled by a seed, each run against its tests.
 
 A mutant changes one thing on one line: a comparison, a sign, an operator, a constant, `and`/`or`,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages of any type with anything in them: extremes, contradictions, clouds nearly right."""
 
 from __future__ import annotations

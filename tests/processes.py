@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Processes of a test by the kernel's own tables: who descends from whom, and what each holds."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Held by `make lint`: no function over 80 lines, 8 arguments or a complexity of 15.
 
 Lines are those of the source, arguments and complexity what ruff counts (PLR0913, C901). What is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`make soak`: the long form of the checks that `make test` runs short; the table goes to docs/.
 
 10^6 mutations, ten-minute runs, 200 seeds: hours on two cores. `soak.py serial scan` runs only

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The recordings: sound, complete, labelled, within their limits, and true to their truth."""
 
 from __future__ import annotations

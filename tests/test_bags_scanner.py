@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated scanner: what it sees, what it gets wrong, and that a seed fixes both."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The solid truth of the recordings: what was kept, and that CalculiX gives it again."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stage of the recordings: grasps that fit, forces that are met, bags in canonical order."""
 
 from __future__ import annotations

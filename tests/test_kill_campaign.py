@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whatever is killed, and whenever: nothing is left running, and no folder behind."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The launch files of the packages: what each describes is started as it says.
 
 `ros2 launch` itself comes with a sourced ROS and is no wheel; these tests read the same files, put

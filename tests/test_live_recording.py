@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The recorded grasp through the real deformation node, beside converged answers offline."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nothing that arrives on a topic or a parameter ends a node, hangs it, or makes it say nonsense.
 
 `make test` sends hundreds of generated messages to every topic of every node, `make soak` 10^5.

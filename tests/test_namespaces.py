@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two hands, in /left and /right, of real nodes: nothing of theirs merges."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the READMEs say is what the code declares."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a release needs: one version everywhere, a changelog, somebody to write to."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The house: which rooms `shell_deform` has, and that imports run one way through them."""
 
 import ast

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The check of sizes in `make lint` finds what it is for."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tutorials are run as they are written, each in an empty folder beside the recordings."""
 
 from __future__ import annotations

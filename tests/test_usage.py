@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Usage texts: quick, and what they repeat without loading a solver is what the solver has."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wheels in an empty environment: what a package declares is all that it needs, without ROS.
 
 The environment holds the wheels under test and, as links, the distributions that they require and

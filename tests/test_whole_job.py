@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The whole job as processes on their own ROS domain: a recorded grasp through the live nodes."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The workspace as a user finds it: executables, locks, and a colcon build of every package."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The project's pictures, drawn by the project itself; `make pictures` runs them all."""
 
 from pathlib import Path

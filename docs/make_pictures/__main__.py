@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The project's pictures again: `make pictures`, or `python -m docs.make_pictures squeeze force`.
 
 squeeze: the ball between two fingers, nonlinear beside linear, from our own solver (GIF).

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Screenshots of the report and of the live page, in a headless Chromium."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ball between two fingers, from our own solver: an animation, and force over displacement."""
 
 from __future__ import annotations

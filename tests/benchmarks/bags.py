@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of the bag tools. `python tests/benchmarks/bags.py [reading memory ...] [--long]`.
 
 `--long` reads a bag of 1 GB, makes 100 000 mutations, 20 reports and 10 live runs, where the short

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measured dent depths beside the truth: `python tests/benchmarks/dent_depth.py [BAG ...]`.
 
 Every recording with scans under load through the offline pipeline, and the loads of the two-finger

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wall thickness and modulus from scanned dents: `python tests/benchmarks/dent_thickness.py`.
 
 Two truths that share no code with the model. Shells of 2, 2.5 and 3 mm by the axisymmetric solver,

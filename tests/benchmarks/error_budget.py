@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Error budget of the recorded ball: `python tests/benchmarks/error_budget.py`.
 
 Noise of the scanner, occlusion by pins and fingers, merging of views, the error of the measured

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sparse factorisation against SuperLU (and CHOLMOD). `python tests/benchmarks/factor.py`.
 
 Closed Loop spheres, springs in the Loop pattern, one thread, the best of several repetitions.

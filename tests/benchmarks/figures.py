@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The one form in which benchmarks print: a Markdown table, also on the terminal."""
 
 from collections.abc import Iterable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of the hand bridge against emulated hands. `python tests/benchmarks/hand.py [PART ...]`.
 
 `--seconds 600` and `--seeds 200` are the long form. Emulator and driver are two processes; the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The gauge of the transition against the truth, on random shells.
 
 Every shell is a random sphere, ellipsoid or closed cylinder (R/h 10-100, Poisson's ratio,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of the live estimator without ROS: ticks, refreshes, the error of what is served.
 
 The tick runs in this process beside a spawned background process; `live_node.py` measures the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of the running node: start, latency beside an echo node, sustained rates, memory.
 
 Contacts go from this process to the real node and come back as surfaces; an echo node that answers

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scan to control mesh, and the limit surface behind it. `python tests/benchmarks/object_fit.py`.
 
 A free-form closed shell is scanned with 0.127 mm noise and 500 000 points; the fitted limit

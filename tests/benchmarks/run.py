@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`make bench`: every benchmark table, one after the other; `run.py solver live` only those.
 
 Each benchmark is a module of this folder that prints a Markdown table of figures and goals; it

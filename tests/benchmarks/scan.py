@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of the scan comparison: speed, pose errors, recovered errors, damaged files.
 
 `python tests/benchmarks/scan.py`, or some parts of it: `scan.py speed peers`; `--long` makes a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What scans of a million points cost the nodes beside: `python tests/benchmarks/scan_node.py`.
 
 The deformation node answers contacts at 250 Hz; then scans are sent faster than they are compared.

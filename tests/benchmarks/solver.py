@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The shell solver: accuracy and processor time beside Kratos, MuJoCo and CalculiX.
 
 `python tests/benchmarks/solver.py`. Kratos and MuJoCo run from the environment of `make bench-

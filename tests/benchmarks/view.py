@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of the live page, of what-if and of the report. `python tests/benchmarks/view.py`.
 
 The page is fed with 2 562 vertices 100 times a second and contacts 250 times a second; a client

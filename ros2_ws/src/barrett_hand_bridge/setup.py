@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Build description of barrett_hand_bridge (ament_python); package.xml says who."""
 
 from glob import glob

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Build description of grasp_common (ament_python): who and which version say package.xml."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mesh that the ball's peers share: an octant graded towards the pole, and the pin on it."""
 
 from __future__ import annotations

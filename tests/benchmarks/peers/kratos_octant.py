@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pinched ball by Kratos' thin corotational shells; run by an interpreter that has Kratos.
 
 `python kratos_octant.py N WHOLE < forces.json`: an octant of the sphere (N triangles along each

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pinched ball by MuJoCo's flexible shells; run by an interpreter that has MuJoCo.
 
 `python mujoco_ball.py EDGE < forces.json`: the whole sphere under the forces [N] per pole of a

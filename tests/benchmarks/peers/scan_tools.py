@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The peers of `scan.py`, each in its own way: small_gicp, libigl, Open3D.
 
 `python scan_tools.py FILE.npz`, with points (n, 3), the true pose, samples and flat control facets

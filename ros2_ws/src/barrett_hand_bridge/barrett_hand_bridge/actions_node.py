@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The actions of the bridge node, where control_msgs is installed: with feedback and cancel.
 
 `hand/follow_joint_trajectory` moves the spread and the inner joints; `hand/gripper_command` opens

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the arm holds the hand: poses, and the Adept Cobra 600 of the paper's cell.
 
 The Cobra 600 is a SCARA: two turning links in a horizontal plane, a quill that moves down, and a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The arm's part of the bridge node: `hand_pose`, and gravity as the arm turns the hand."""
 
 from __future__ import annotations

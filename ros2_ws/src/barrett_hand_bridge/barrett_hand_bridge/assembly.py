@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From checked parameter values to driver, observer settings and motion settings."""
 
 from __future__ import annotations

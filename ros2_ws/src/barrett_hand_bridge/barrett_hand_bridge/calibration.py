@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibration of the strain gauges: counts to torque per finger, from a file, never hard-coded.
 
 Every gauge differs and its zero drifts, so a conversion is used relative to a tared zero x0:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Contacts: from angles, torque and pin to force, point, normal and travel, with uncertainties."""
 
 from __future__ import annotations

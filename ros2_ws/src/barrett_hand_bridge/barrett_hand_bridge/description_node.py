@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The hand's description on its topics: `robot_description`, and TF of every frame it stamps."""
 
 from __future__ import annotations

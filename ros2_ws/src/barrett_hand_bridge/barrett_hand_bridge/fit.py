@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fitting a gauge's law to known weights, with what the fit leaves over.
 
 The scatter that is published is for a 90 % interval of a normal distribution: what few weights

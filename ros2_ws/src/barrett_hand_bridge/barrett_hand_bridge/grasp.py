@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joint angles that put two pins on opposite points of an object, and where it then is."""
 
 from __future__ import annotations

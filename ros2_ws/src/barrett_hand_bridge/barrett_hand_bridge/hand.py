@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every BarrettHand driver gives and takes, whatever its wire: samples, facts, commands."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The `hand_bridge` node: a BarrettHand on its wire, its contacts on topics."""
 
 from __future__ import annotations

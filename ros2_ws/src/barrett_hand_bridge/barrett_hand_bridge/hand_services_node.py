@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The services of the bridge node and its trajectory topic: each asks the worker and waits."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The publishers of the bridge node: contacts every cycle, everything else at its own rate."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Forward kinematics of the BarrettHand's fingers with a pin on the pad.
 
 Modified Denavit-Hartenberg chain of the BH8-262 manual for firmware 4.4, pages 73 to 76; the

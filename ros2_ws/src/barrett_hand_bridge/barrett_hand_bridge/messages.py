@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All ROS messages of the bridge: built and read here and nowhere else."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motions of the hand as velocities per cycle: open, close until force, follow a trajectory.
 
 Pure: every motion gets the newest observation and answers the velocities for the next cycle. A

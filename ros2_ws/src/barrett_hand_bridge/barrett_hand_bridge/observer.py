@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From samples of the hand to what it feels: angles, torques, forces, contacts, uncertainties."""
 
 from __future__ import annotations

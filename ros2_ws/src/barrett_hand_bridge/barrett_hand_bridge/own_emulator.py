@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The emulated hand that the bridge starts for itself (backend `emulator`), as a process."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the encoders say for a finger being free: the hand stands still, has opened, is open.
 
 A gauge alone cannot tell a load from a zero that stepped. A finger that has not moved since its

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A small process that stops the hand when the bridge dies without being able to do so itself.
 
 It waits on a pipe from the bridge. A word of farewell means that all is well; an end without it

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Taking the zero of the gauges: in the measuring pose, at rest, unloaded, or not at all."""
 
 from __future__ import annotations

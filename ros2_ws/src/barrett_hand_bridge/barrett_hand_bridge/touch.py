@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Touch cells of the BH8-280 as contacts: where each cell is and what it presses.
 
 24 cells per finger, 8 rows along the outer link by 3 columns, and 24 in the palm, in rows of 5, 7,

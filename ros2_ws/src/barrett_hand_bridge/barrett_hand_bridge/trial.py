@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A whole measurement, emulated: calibrate, tare, wait, grasp; how far off is the force?
 
 Every seed draws another hand: gauges, mounting of the pins, stretch of the tendons, weight of the

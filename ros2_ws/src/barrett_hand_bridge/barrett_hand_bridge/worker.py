@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The thread that lives with the hand: connects, cycles, obeys commands, comes back after a loss.
 
 Everything that happens is told to `tell` as an event, from this thread. Motors stand still unless

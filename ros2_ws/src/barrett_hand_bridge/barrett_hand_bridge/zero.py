@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The gauge's zero: tared once, followed between grasps, less and less certain during one.
 
 The maker acknowledges that the zero drifts (BH8-262 manual for firmware 4.4, page 56) and gives no

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Arm poses and touch cells."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The CAN driver and the emulated pucks over an in-process bus: set-up, cycles, trouble."""
 
 import errno

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Contacts: force from torque, first touch, travel, normals, flags."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """URDF and meshes of the hand: one tree, the frames of the kinematics, files as they are made."""
 
 import math

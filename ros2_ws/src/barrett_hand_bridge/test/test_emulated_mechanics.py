@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Emulated mechanics: gauges, tendons, clutch, squeezed objects."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The whole chain on emulated hands: force, sigma, drift, travel, against the emulator's truth."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every codec against mutated streams: no crash, no hang, nothing out of range taken for right."""
 
 import os

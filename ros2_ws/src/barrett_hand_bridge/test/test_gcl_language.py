@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Supervisory replies: what is read, and what is refused."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """RealTime blocks: the manual's worked example, round trips, ranges."""
 
 import pytest

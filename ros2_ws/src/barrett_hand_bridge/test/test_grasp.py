@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Opposed grasps: pins on antipodal points, the object's pose between them."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node as a process, on an emulated hand as another: topics, services, losses, exit codes."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What /diagnostics says: the worst thing first, in one sentence."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Forward kinematics: published vectors, couplings, breakaway, the emulator's own chain."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motions: what they command, when they end, what they refuse."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters: every default passes its own check, every wrong value is named."""
 
 import pytest

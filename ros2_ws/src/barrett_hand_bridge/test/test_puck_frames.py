@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CAN frames: the bytes seen on the wire, round trips, refusals; property numbers by firmware."""
 
 import pytest

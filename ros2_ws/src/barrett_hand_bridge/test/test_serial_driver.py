@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The serial driver on an emulated hand, on simulated time: set-up, cycles, trouble."""
 
 import pytest

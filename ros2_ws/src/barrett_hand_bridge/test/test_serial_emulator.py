@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The emulated BH8-262 against the documented protocol, byte by byte."""
 
 import pytest

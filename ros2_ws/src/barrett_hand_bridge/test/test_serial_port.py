@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Serial ports: what is said when one cannot be opened, an adapter that is plugged in again."""
 
 import os

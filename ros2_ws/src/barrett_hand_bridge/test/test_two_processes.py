@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drivers and emulated hands as separate processes, over a real pty and a real CAN bus."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The worker thread: connects, cycles, obeys, comes back, and always stops the hand."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Zeros: tare refuses what it must, drift is followed while free, doubt grows while loaded."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A zero that steps on an emulated hand: adopted where nothing can touch, in doubt, no lock."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """YAML from strangers: what expands, or nests, beyond reason is refused before it is built.
 
 A kilobyte of aliases to aliases stands for 10^9 values, and twenty thousand brackets for a deeper

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What all commands and nodes do alike before and around their work.
 
 A console script is a `command`: it answers `--version` at once, imports its module only then, says

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How every node here starts, declares its parameters and ends."""
 
 from __future__ import annotations

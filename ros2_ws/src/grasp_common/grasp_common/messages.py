@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ROS messages that every grasp package builds: stamps, clouds, descriptors, diagnostics."""
 
 from __future__ import annotations

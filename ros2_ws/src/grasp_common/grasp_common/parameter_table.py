@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of node parameters: declaration, range, check, usage text.
 
 A node lists its parameters once; its `--help`, its README, the descriptors that `ros2 param

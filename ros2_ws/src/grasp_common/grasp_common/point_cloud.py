@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PointCloud2 to numpy by field name, for messages that nobody has checked.
 
 `sensor_msgs_py` does this where ROS is; bags are read where it is not. Any object with the fields

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Text for terminals: foreign names made harmless, plain numbers, tables, progress."""
 
 from __future__ import annotations

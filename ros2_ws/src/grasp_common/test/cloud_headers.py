@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Generated PointCloud2 headers, right and wrong, without ROS."""
 
 from __future__ import annotations

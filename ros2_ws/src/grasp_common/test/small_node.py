@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The smallest node that uses everything of `main_node`, as a program of its own."""
 
 from __future__ import annotations

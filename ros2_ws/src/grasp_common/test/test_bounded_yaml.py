@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """YAML from strangers is read like any other, unless it expands or nests beyond reason."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every console script does before its work."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages that every package builds: right on the wire, harmless to read."""
 
 from __future__ import annotations

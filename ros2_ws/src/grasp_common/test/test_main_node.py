@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A node of a table: started, told apart by namespace, ended by one signal without a traceback."""
 
 from __future__ import annotations

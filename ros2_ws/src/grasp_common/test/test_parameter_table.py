@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameter tables: what is allowed passes, what is not is named with what would be."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PointCloud2 to numpy: every layout is read, and no size is believed."""
 
 from __future__ import annotations

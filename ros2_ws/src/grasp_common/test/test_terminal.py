@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Text for terminals: nothing foreign steers one, nothing of ours is lost."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recorded grasps: record, check, repair, replay, and run the whole pipeline offline.
 
 What a notebook needs, loaded with its first use:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Splits a command line at `--ros-args ... --`.
 
 rclpy's own split also takes every `a:=b` for a (deprecated) remapping, and `replay --remap a:=b`

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an open bag is: topics, and stored messages in time order, undecoded."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Opens any recorded bag: finds its files, says what kind they are, and refuses what is no bag.
 
 MCAP is read by our own blocks (`mcap_blocks` says why), SQLite through the rosbags library.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Examines the MCAP files of a bag byte by byte and saves what is sound into a new bag."""
 
 from __future__ import annotations

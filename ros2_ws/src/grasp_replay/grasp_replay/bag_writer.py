@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes a bag in rosbag2's layout: one MCAP file and `metadata.yaml` version 9.
 
 Crash safety: a chunk is written out whenever the messages in it span more than a second or more

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Many runs at once: bags times a grid of numbers, on processes here or on a Dask cluster.
 
 A task is idempotent: its folder is named by what goes in (bag, description, object, options and

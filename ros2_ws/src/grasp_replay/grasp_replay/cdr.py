@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The little of CDR that needs no type: the stamp at the front of a message with a header."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The error of this package: one sentence that names the bag, the fault and the way out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The description beside a recording, `experiment.yaml`: object, poses, scanner, scans, holds."""
 
 from __future__ import annotations

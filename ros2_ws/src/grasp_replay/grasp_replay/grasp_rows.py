@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The grasp of each row of a report: does it close, with which friction, what does it lift."""
 
 from __future__ import annotations

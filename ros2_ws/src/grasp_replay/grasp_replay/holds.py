@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which contacts carried the object while it was scanned: the mean over each hold."""
 
 from __future__ import annotations

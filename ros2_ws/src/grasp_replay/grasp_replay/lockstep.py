@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lockstep: the next input is sent when the nodes have answered the last one."""
 
 from __future__ import annotations

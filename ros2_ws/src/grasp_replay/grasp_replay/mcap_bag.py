@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags in MCAP files: sound ones by their index, ones without index after one pass over them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MCAP at the level of blocks: where the messages of a file are, and if their bytes are sound.
 
 A *block* is a chunk, or a run of messages that stand outside chunks. This module is our own

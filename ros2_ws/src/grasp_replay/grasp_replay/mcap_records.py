@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How every kind of MCAP record proves its own length: what its fields say must fill its bytes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Walks a whole MCAP file from its first byte, past damage, and says what is sound in it.
 
 After a record that contradicts itself the walk looks for the next chunk that is whole: a chunk

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The border to ROS: type classes, QoS profiles, clocks and stamps, in both directions."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages that were compressed one by one, as rosbag2's compression mode `message` does.
 
 The mode stands in metadata.yaml, which may be lost. The bytes tell it as well: CDR begins with a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The whole job offline: a bag's loads solved by every theory and held against its scans.
 
 The same cores as the live nodes, without topics. Nothing here reads a clock or a random number:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the object is in a recording, and how scans and contacts find each other.
 
 The pose of the object in the frame of the contacts is given, recorded, or stands in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The course of a replay: wait for listeners, send each message at its time, give account.
 
 It speaks to ROS only through `Stage`, so that it runs in tests without any.

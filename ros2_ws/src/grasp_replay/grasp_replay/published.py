@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The published table beside our predictions for its forces; no recording enters here."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """QoS profiles as bags store them: rosbag2's YAML in all its versions, and override files."""
 
 from __future__ import annotations

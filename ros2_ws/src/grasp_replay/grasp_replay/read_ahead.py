@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads messages in a thread of its own, so that loading a chunk makes no message late."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`record`: topics to a crash-safe MCAP bag in rosbag2's layout."""
 
 from __future__ import annotations

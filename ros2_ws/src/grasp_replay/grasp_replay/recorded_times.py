@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which clock the messages of a recording are told apart by: their headers', or the recorder's.
 
 Drivers leave header stamps at zero, repeat them, or a recording holds a message twice. A scan that

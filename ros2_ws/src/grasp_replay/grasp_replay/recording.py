@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recorded grasp as arrays: contact samples, object poses and scans, from any bag."""
 
 from __future__ import annotations

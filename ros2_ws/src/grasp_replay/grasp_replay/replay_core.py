@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a replay sends and when: choice, order, pace and accounts, without ROS and without clocks.
 
 Every function that depends on time takes it as an argument, so that tests decide what time it is.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`replay`: a bag to topics, as recorded, faster, stepwise, or as fast as it is answered."""
 
 from __future__ import annotations

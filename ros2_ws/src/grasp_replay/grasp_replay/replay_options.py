@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line of `replay`: rosbag2's options, and a few that it lacks."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a replay is steered by and tells of itself: services, parameters, status topics."""
 
 from __future__ import annotations

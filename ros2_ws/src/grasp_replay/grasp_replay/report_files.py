@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One run from bag to files: numbers as JSON and tables, the report page and its pictures."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`results.json` and `table.csv`: fixed order, no times, no paths, the same bytes every time."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Message types without ROS: definition texts, type hashes and decoding, through rosbags."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Linear theory at every sample of a recording, as the fast loop of the live node does it."""
 
 from __future__ import annotations

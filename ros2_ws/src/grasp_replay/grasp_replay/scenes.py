@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run as shapes and plots for the report page."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Publishers for the topics of a bag, so arranged that a large message costs no small one.
 
 A participant of Fast DDS puts what it sends into one piece of shared memory, 512 KB by default.

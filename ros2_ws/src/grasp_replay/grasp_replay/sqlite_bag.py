@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags in SQLite files (rosbag2's storage before MCAP), through the rosbags library."""
 
 from __future__ import annotations

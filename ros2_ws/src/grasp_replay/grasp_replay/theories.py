@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One shell under the three theories: the same mesh, contacts and loads, solved offline."""
 
 from __future__ import annotations

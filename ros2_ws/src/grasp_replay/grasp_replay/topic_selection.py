@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which topics a command means: names, patterns and exceptions, with rosbag2's rules."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Damages bags in the ways that disks, cables and cosmic rays do, and knows what must survive."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small bags for tests, made with the `mcap` library directly where ours must not be the judge."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Makes the modules beside the tests importable to them; a node that hears and sends."""
 
 from __future__ import annotations

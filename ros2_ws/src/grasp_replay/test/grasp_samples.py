@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A small recorded grasp for tests: a ball, a few loads, scans of our own koiter solution."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MCAP records byte by byte, without the library: files that it would not write."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The 416 files of the MCAP conformance suite, made here from what its cases say.
 
 Six contents, written with and without each optional part of the format. The SHA-256 of every file

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A test node that hears what `replay` sends and sends what `record` hears."""
 
 from __future__ import annotations

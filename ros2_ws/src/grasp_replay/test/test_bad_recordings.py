@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings whose numbers cannot be meant: refused with the value and the way out."""
 
 from __future__ import annotations

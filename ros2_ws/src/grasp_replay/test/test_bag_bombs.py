@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Descriptions beside a bag that expand or nest beyond reason cost neither time nor memory."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags as recorders, disks and people leave them: read rightly, or refused for what they are."""
 
 from __future__ import annotations

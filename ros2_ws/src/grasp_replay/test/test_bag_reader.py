@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reading: every kind of bag gives its messages in time order, or one sentence."""
 
 from __future__ import annotations

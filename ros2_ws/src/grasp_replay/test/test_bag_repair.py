@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Damage: never a crash, every message of a whole chunk saved, and the loss named."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writing: rosbag2's layout, deterministic bytes, and what survives a crash or a full disk."""
 
 from __future__ import annotations

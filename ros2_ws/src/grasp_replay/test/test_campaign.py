@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Many runs at once: the same bytes, nothing twice, nothing lost."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`import grasp_replay`: what a notebook finds there."""
 
 import subprocess

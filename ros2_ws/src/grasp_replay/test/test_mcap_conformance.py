@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every file of the MCAP conformance suite: the same bytes as published, read, checked, saved."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recorded grasp through the whole pipeline: numbers, bytes, and what is refused."""
 
 from __future__ import annotations

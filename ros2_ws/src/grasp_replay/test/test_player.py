@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The course of a replay on a stage without ROS."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """QoS profiles: written as rosbag2 version 9, read from every version."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`record` as a real process, against real publishers."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Grasps as drivers and scanners record them: the same numbers as the plain one, or a refusal."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a replay sends and when, decided without ROS and without clocks."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`replay` as a real process, against real subscribers."""
 
 from __future__ import annotations

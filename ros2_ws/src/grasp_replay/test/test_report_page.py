@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report page: what stands in it, and what a real browser makes of it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Table I, settled: its numbers against an independent solver, and its page."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the browsers look from: at the object, from as far as their window is narrow."""
 
 from __future__ import annotations

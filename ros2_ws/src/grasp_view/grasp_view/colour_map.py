@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers to colours that read without colour vision, and the legend that says what they mean.
 
 The map is cividis (Nunez, Anderton, Renslow 2018, doi:10.1371/journal.pone.0199239): monotone in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`grasp_view`: a browser page that listens to topics and calls services, nothing else."""
 
 from __future__ import annotations

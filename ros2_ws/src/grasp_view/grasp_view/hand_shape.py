@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The hand as simple bodies: a palm and three fingers of three links, from the joint angles.
 
 Only a picture: the bridge publishes the contacts, nothing here enters a number. Modified

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The only place where ROS messages are read (and, for what-if, built)."""
 
 from __future__ import annotations

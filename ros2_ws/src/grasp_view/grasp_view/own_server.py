@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page's server: only for pages that it served itself, and never published elsewhere.
 
 Any web site that is open in the operator's browser can open a WebSocket to this machine, also to

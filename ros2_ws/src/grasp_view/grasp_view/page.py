@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The browser page: 3-D scene, controls, plots. It knows nothing of ROS.
 
 The node calls `update` with what it knows; buttons call back with a command's name from the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers over time, docked beside the scene."""
 
 from __future__ import annotations

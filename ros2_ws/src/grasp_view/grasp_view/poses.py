@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigid poses: where one frame lies in another."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a replay stands, and the means to steer it; hidden while there is none."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the page knows of the grasp at one instant, and what it draws of it.
 
 All lengths in m, forces in N. The scene's frame is that of the served surface: the contacts' by

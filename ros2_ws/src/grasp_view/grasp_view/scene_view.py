@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The 3-D half of the page: a snapshot in, bodies in the browser out.
 
 Lengths are multiplied by `SCALE` on the way out: browsers clip and round a 65 mm ball drawn in

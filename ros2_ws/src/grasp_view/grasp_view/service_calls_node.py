@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Services that the page's buttons call: asked without waiting, answered in words."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rounder drawing of a coarse surface: every face in four, new vertices lifted off the chords.
 
 The middle of an edge is put where the cubic through both ends, across their normals, has its

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is remembered over time: numbers for the plots, whole pictures for the time slider."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A coloured surface that no light touches, as binary glTF 2.0 in memory.
 
 Written here because the page's own coloured meshes are lit, which would change the colours of a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the visitor of the page chose to see."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fingers placed on an object by hand: where they touch, how they push, on which variant of it.
 
 Pure numbers: lengths in m, forces in N, everything in the object's frame.

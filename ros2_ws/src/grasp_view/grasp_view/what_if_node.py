@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ROS half of what-if: a `deformation` process of its own under /what_if, and its contacts."""
 
 from __future__ import annotations

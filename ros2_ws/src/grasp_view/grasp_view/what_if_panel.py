@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The what-if half of the page: sliders for the object, and fingers one drags over it."""
 
 from __future__ import annotations

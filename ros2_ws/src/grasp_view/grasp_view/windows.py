@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The browsers' windows: how much of each the panels leave to the scene."""
 
 from __future__ import annotations

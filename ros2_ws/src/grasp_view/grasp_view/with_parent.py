@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs a command that ends with the process that started it, and removes a folder then.
 
 `python -m grasp_view.with_parent FOLDER COMMAND ...`: when stdin ends, however its writer died,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A page with its free port, its browser tab, and who publishes to it or listens beside it."""
 
 from __future__ import annotations

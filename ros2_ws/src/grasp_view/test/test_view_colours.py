@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Colours: what the legend says is what the surface shows."""
 
 from __future__ import annotations

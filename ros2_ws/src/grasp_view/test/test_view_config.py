@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """RViz and Foxglove files show our topics: by the types, the fields and the QoS they have."""
 
 from __future__ import annotations

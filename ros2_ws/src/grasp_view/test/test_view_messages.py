@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages: fields are found by name, contradictions are refused with the reason."""
 
 from __future__ import annotations

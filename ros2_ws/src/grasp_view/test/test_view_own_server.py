@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page obeys only itself: other origins, other hosts and share requests are refused."""
 
 from __future__ import annotations

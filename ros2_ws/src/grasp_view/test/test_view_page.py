@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page in a real browser: its buttons, its visitors, nodes that come and go."""
 
 from __future__ import annotations

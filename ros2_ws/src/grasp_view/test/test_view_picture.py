@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the page shows in a real browser is what the topics say."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page beside the real replay of the recorded ball and the real solver."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The scene: from messages' numbers to arrows, cones, lines, colours and the hand's bodies."""
 
 from __future__ import annotations

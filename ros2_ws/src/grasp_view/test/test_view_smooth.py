@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The finer drawing of a coarse mesh: rounder, and true where a number was published."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page as a process: it serves, it ends cleanly, and it says why it cannot."""
 
 from __future__ import annotations

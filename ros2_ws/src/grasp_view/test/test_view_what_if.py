@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What-if: fingers on a surface and variants of an object, as numbers."""
 
 from __future__ import annotations

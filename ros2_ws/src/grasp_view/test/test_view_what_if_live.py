@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fingers placed in the page, and the real solver behind it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page in a browser: what it shows, read as a visitor reads it, and its controls."""
 
 from __future__ import annotations

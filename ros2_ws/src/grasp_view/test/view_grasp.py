@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A squeezed ball's topics and services from another participant, for the tests of the page."""
 
 from __future__ import annotations

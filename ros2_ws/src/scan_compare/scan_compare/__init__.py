@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Deformed shells against 3-D scans: registration, distances, statistics, noise floor.
 
 What a notebook needs, loaded with its first use:

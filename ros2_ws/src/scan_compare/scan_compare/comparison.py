@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One scan against one deformed surface: registration, distances and every statistic."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The model side of a comparison: a deformed shell, its outer face and its dent region.
 
 The solver works on the middle surface; a scanner sees the outer face, which lies half a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The dent itself: where it is, its measured profile, and its depth under the hidden pin.
 
 The largest displacement sits where the pin touches, and the pin hides it from the scanner. It is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Signed distances between scan points and the smooth outer face, in both directions."""
 
 from __future__ import annotations

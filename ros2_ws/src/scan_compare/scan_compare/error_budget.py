@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Error budget: how much of a reported error each cause accounts for, on a recording with truth.
 
 The paper lists scanner accuracy, occlusion, merging of views, the drift of the force and the air

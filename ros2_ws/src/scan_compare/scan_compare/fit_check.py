@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a registration that settled is one: signs of another object, a mirror image, outliers.
 
 A robust fit always settles somewhere, and its scale widens until most points belong to it. What

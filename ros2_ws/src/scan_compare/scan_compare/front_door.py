@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One scan against one shell, in one call: files, arrays and objects as a notebook has them."""
 
 from __future__ import annotations

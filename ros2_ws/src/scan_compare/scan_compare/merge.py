@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Merging several views (a scan family) into one scan, each refined against the others.
 
 A scanner much larger than the object sees it in several views; each is placed by hand-picked

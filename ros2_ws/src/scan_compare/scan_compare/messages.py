@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The only place where `scan_compare` builds or reads ROS messages."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The model side of a command: an object, and its deformed surface from a mesh file."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which rigid motions the distances to a surface can see, and how well.
 
 A motion (w, t) of a point p about a centre c changes its distance to the surface by

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What belongs to a scan that arrived: its start pose, and remarks for its reader."""
 
 from __future__ import annotations

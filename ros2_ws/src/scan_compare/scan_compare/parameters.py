@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every parameter of the `scan_compare` node: name, default, range, and what it means."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How uncertain a registered pose is: noise of single points, and errors that views share.
 
 The pose is a linear function of the distances near the solution, found by iterated robust weights.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Search of all rotations when the pose of a scan is unknown.
 
 Many starts, spread evenly over the rotations, are refined together on a few hundred points by

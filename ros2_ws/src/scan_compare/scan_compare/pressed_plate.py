@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The outer face of an elastic plate that a small flat pin presses: what lies under the pin.
 
 Thin-shell theory alone misses how deep a pin sinks into a thick wall: next to it the wall shears,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Verdict between two models of the same scan: only beyond the noise floor, by a paired test."""
 
 from __future__ import annotations

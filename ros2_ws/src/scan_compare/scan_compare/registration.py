@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigid registration of a scan onto the smooth outer face of a shell.
 
 No library registers onto a Loop limit surface, and trimesh's default may scale or mirror, which

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigid motions: small-rotation exponentials, poses, uniformly spread rotations."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Weights that keep dents, fingers and wrong depths from pushing the pose of a scan."""
 
 from __future__ import annotations

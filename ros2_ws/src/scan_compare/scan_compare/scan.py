@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A scan in memory: welded points in metres, optional triangles, and what was done to them."""
 
 from __future__ import annotations

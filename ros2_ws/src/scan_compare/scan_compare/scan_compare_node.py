@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The `scan_compare` node: scans and surfaces in, errors with their noise floor out."""
 
 from __future__ import annotations

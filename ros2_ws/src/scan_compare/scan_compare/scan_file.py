@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A scan from a file or a cloud of points: welding and unit, whatever it came in."""
 
 from __future__ import annotations

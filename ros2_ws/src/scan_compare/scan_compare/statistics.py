@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Statistics of distances between a scan and a surface, each with its definition.
 
 All functions take signed distances [m], positive outside the surface.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The surfaces of the last seconds, to answer a scan with the one of its own time."""
 
 from __future__ import annotations

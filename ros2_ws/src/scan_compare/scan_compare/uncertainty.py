@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Standard deviations: of a mean error, of where a point lies, of what merging does to a place.
 
 A scan is made of views, each laid onto the others with an error of its own. Inside a view that

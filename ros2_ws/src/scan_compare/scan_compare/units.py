@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Length units of scan files: declared by the user, or inferred against the object's known size.
 
 STL, OBJ, PLY, XYZ and VRML as written by a NextEngine carry no unit, and the scanner's software

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Comparisons in a process of their own, so that no callback of the node ever waits for one.
 
 The process is spawned, never forked; it computes one comparison at a time, in the order in which

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Helper modules of these tests are imported by name."""
 
 import sys

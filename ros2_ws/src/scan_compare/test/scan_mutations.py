@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Damaged scan files: seeds, random mutations and cuts; used by the tests and the long runs."""
 
 from __future__ import annotations

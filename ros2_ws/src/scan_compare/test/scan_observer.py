@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A test node that plays hand, solver and scanner, and collects what `scan_compare` says."""
 
 from __future__ import annotations

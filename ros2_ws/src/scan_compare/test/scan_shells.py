@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shells with known shape for the tests: Loop surfaces through given points, and scans of them."""
 
 from __future__ import annotations

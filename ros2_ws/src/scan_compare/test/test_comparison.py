@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Planted errors come back, noise alone gives no verdict, and the same scan the same bytes."""
 
 from __future__ import annotations

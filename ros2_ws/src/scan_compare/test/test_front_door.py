@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`import scan_compare`: what a notebook finds there."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pressed elastic layer against its limits and against the solid of the recordings."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Planted poses come back: rigid, without scale, and honest about what cannot be seen."""
 
 from __future__ import annotations

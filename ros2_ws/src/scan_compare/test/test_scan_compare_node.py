@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The real node as a process: a scan is answered with the surface of its time."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scan files as people have them: read rightly, or refused for what they are; never misread."""
 
 from __future__ import annotations

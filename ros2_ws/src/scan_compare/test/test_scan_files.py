@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every scan format against trimesh and meshio, and oddities made by hand."""
 
 from __future__ import annotations

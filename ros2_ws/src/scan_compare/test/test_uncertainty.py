@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What merged views do to neighbourhoods shows where nothing was deformed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Live deformed surface of a thin shell in a robot hand, on Loop subdivision surfaces.
 
 What a notebook needs, and nothing else; importing it is fast, the solver is loaded with first use:

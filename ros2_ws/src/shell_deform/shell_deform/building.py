@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From an object file to a shell model that can be squeezed."""
 
 from __future__ import annotations

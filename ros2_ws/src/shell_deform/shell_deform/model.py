@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A shell with its theory, supports and gas: everything an equilibrium is searched for in."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A picture of a deformed surface: shaded by the displacement, to scale."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a deformed shell says of itself: strains and stresses at both faces, energy, curvature."""
 
 from __future__ import annotations

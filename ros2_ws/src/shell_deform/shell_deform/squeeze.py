@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A shell by name, squeezed by force or displacement, and what it then looks like.
 
     ball = load('tennis_ball')

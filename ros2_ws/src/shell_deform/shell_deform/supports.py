@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What holds a shell: stiff springs at boundary points, and rigid motions that nothing prevents.
 
 A support acts on the limit position and on the slope across the edge at the vertices of an edge,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small shells that several test files squeeze."""
 
 import sys

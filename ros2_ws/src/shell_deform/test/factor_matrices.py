@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Matrices of the shell's shape for the factorisation tests: springs in the Loop pattern."""
 
 from __future__ import annotations

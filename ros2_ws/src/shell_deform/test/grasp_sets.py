@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random grasps, and the oracles that judge them: linear programmes of other makers."""
 
 from __future__ import annotations

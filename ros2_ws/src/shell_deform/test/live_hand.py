@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A synthetic hand for tests of the live estimator: samples, messages, and a test node."""
 
 from __future__ import annotations

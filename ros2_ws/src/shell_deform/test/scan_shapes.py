@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Synthetic scans with everything that real ones suffer from, and their truth."""
 
 from __future__ import annotations

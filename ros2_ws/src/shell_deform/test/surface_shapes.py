@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Meshes for the surface tests, and a subdivision of its own as an independent oracle."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Energy, gradient and stiffness over the whole surface."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The axisymmetric solver against the tabulated columns of another independent one."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigid bodies: distances, their derivatives, poses."""
 
 import numpy as np

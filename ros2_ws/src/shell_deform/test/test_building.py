@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From an object to a shell model: supports where they are named, walls, gas, contacts."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The paper's minimiser and its set-up, beside Newton's method and the whole ball."""
 
 import numpy as np

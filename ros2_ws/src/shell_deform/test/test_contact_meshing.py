@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pads on every kind of surface: triangles fit the place, depth counts from first touch."""
 
 import numpy as np

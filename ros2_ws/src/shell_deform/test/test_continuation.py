@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Paths through limit points, and how near a state is to its snap."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What RViz and Foxglove get: every field of the marker and of the surface's cloud."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The real node as a process, with a synthetic hand.
 
 One node serves the whole file, so the tests run in order; the ones that end or replace its parts

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The shape of a scanned dent fixes the wall thickness, which its force does not.
 
 Truth comes from solvers that share nothing with the model: an axisymmetric shell and a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sparse factorisation: right on definite, indefinite and singular matrices."""
 
 import sys

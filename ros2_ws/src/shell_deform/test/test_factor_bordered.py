@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bordered systems and low-rank updates through the factor of the plain matrix."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigid bodies with friction: tangent, slip, stick, hold."""
 
 from dataclasses import replace

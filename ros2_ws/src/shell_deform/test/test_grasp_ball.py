@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The grasp on the deformed ball: the paper's opening question, sharing of loads, the wall."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a squeeze carries: closed forms, the ball of wrenches, and the proofs that come along."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Force closure: closed forms, brute force, sensitivities and the probability of it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The interior-point method against its plain twin and against another maker's programme."""
 
 from __future__ import annotations

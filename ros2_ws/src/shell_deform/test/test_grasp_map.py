@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A map of grasps: the same bytes by any number of workers, nothing lost by a kill."""
 
 from __future__ import annotations

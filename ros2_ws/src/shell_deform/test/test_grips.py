@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two-pin grips on bodies that are no balls: contacts out of line, thin walls that snap."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What force and displacement say about a shell, and what they cannot."""
 
 import json

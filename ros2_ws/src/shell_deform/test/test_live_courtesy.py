@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The background solver takes the idle class while it gets on there, and only then."""
 
 import os

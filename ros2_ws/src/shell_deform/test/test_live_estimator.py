@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Solver and tick together, in one process: what is served, its error, and the awkward cases."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tick that sees a contact first answers it, before any equilibrium knows it."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The grasp beside the tick: rows by field name, on deformed normals, always numbers."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The gauge of the transition, against converged solutions."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mesh goes where the fingers rest: when it is asked for, and how coarse it is said to be."""
 
 from types import SimpleNamespace

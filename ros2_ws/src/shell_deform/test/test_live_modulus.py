@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Young's modulus learned while the object is squeezed."""
 
 import live_hand

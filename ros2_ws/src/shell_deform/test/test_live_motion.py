@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Solving ahead of the motion of the contacts."""
 
 import numpy as np

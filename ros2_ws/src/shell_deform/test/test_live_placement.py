@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the object is, from the contacts of first touch."""
 
 import live_hand

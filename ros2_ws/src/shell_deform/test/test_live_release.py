@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fingers that let go: slowly, faster than the background process, and one before the other."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """States, sample checks, stamps and poses."""
 
 import numpy as np

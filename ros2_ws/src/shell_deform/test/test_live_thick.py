@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The live pipeline on a thick wall: its settled answers are the equilibria."""
 
 from dataclasses import replace

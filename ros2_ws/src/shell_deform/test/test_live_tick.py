@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tick: fusion of force and motion, the served field, and their compiled forms."""
 
 import numpy as np

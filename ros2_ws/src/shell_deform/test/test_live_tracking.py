@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Following equilibria, and the condensed response about them."""
 
 import numpy as np

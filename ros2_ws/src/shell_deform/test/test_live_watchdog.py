@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a process that counts beats gets on, as the kernel and its beats tell."""
 
 import os

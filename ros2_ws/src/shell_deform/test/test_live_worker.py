@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The background process: building, answering, dying, coming back."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Contacts and other loads: what their nodal forces add up to, and closed-form answers."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Equilibria against independent solutions, and what they promise."""
 
 import numpy as np

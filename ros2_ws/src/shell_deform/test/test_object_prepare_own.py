@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`object_prepare` with a user's own scan: unit, missing parts, primitives, contacts, gas."""
 
 import gzip

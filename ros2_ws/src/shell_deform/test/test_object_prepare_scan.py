@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A scan becomes one clean piece, then even triangles, then a fitted control mesh."""
 
 import numpy as np

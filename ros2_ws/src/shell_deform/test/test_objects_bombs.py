@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Object files that expand or nest beyond reason are one sentence, at once."""
 
 import pytest

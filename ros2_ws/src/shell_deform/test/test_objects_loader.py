@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Object files are read strictly: every complaint names file and line."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Control meshes of objects: their limit surface is the middle surface."""
 
 import numpy as np

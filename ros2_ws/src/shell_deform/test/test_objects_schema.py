@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The JSON Schema of the object file says what the reader does, and the reference says it too."""
 
 import copy

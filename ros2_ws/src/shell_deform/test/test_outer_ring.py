@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ring of control points beyond the edge of an open surface."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigid pads in unilateral contact."""
 
 from dataclasses import replace

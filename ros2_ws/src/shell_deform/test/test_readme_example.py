@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The examples of the README and of the package's docstring run as they are printed."""
 
 import doctest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Strains, stresses and energy of states whose answer is known."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every reference value is told with its status, its source, and why it is scored or not."""
 
 import json

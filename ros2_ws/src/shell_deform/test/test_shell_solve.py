@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """shell_solve as its user meets it."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Thin shells beside solids, and the rule for thick walls."""
 
 import json

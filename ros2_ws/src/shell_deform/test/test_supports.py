@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What holds a shell, each support shown by what it does."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The basis functions of the limit surface, at any point of any triangle."""
 
 import numpy as np

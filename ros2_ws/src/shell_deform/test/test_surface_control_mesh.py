@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A control mesh is checked once and names what is wrong with it."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Limit positions, normals and closest points."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gradient and tangent of everything that stores energy or pushes, to nine digits.
 
 Pins, pads with a pressure profile, contact torques, line and surface loads are dead: their nodal

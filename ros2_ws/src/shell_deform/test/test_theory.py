@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Strain measures: derivatives, invariance, and the paper's own formulas."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The wall law of theory `thick` at one point, against closed forms and its own derivatives."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Theory `thick` on whole shells: derivatives, invariance, the thin limit, solids, bad input."""
 
 import numpy as np

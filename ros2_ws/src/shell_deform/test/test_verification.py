@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The reference problems in their short forms, and how fast the answers converge."""
 
 import numpy as np

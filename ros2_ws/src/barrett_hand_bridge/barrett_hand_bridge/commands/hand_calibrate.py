@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fit a calibration file to known weights hung on the fingers."""
 
 from __future__ import annotations

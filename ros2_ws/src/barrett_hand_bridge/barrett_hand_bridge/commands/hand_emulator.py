@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A BarrettHand that is not there: a BH8-262 on a pty, or a BH8-280 on a CAN channel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simple convex bodies of the hand's links, as binary STL in m: `python -m ...description.meshes`.
 
 Dimensioned by the drawings: distances between joints and pads as in the kinematics, widths and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """URDF of the hand from its link constants; the shipped xacro macro is the same with a prefix.
 
 Links and joints stand where the kinematics put them: modified Denavit-Hartenberg frames, every

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An emulated BH8-280: four motor controllers on a CAN bus, frames in, frames out.
 
 Identifiers, property numbers and packing after what is known of the maker's bus; the inner-link

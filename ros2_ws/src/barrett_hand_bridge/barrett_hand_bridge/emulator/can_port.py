@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An emulated CAN hand on a bus: any python-can interface, or a USB-CAN stick (slcan) on a pty."""
 
 from __future__ import annotations

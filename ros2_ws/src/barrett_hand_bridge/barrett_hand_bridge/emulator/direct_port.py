@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A pyserial-like port straight into an emulated hand: no pty, no threads, no wall time.
 
 Reading lets the hand's own time pass in small steps until the bytes are there or the time-out is

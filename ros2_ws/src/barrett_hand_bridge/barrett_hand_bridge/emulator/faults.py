@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults an emulated hand shows on demand: at a moment, or when it is told to."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where an emulated finger is: plane geometry of one finger, turned about its own spread axis.
 
 A finger moves in a vertical plane. With u measured outward from the finger's spread axis and z

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motors, links, tendons and gauges of an emulated hand, stepped in fixed steps of time.
 
 Positions are motor counts as floating-point numbers; the encoder shows whole counts. Scales:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Emulated hands that differ from what the driver's estimators assume.
 
 The driver's drift model, tendon law and calibration know the numbers that the emulator draws from.

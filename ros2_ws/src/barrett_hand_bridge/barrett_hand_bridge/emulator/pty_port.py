@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An emulated serial hand behind a pseudo-terminal, at the pace of the line.
 
 Both ends are raw before the banner is written: in cooked mode the line discipline would rewrite

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An emulated BH8-262: bytes in, bytes out, time given from outside.
 
 Supervisory commands and RealTime mode after the BH8-series manual for firmware 4.3x (pages 28 to

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """RealTime mode of an emulated BH8-262: control blocks in, feedback blocks out.
 
 BH8-series manual for firmware 4.3x, section 6 (worked example on page 41); temperature size after

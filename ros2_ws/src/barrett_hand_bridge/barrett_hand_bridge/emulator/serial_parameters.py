@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of an emulated BH8-262: names, limits, defaults (manuals for firmware 4.3x, 4.4).
 
 Where the known pages of the manuals give no range or default, the value here is this emulator's

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an emulated BH8-262 is and shows, whatever is being said on its line."""
 
 from __future__ import annotations

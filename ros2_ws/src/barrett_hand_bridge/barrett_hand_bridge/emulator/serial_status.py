@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Status sums of an emulated BH8-262, and the checks that lead to them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The object an emulated hand squeezes: force-displacement tables and where the contacts are.
 
 Two arrangements: `Pinched`, an object free to move between two opposing pins (the ball of the

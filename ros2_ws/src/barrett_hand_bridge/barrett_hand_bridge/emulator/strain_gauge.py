@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an emulated strain gauge answers to a torque: gain, zero, cubic, play, noise, drift, ends.
 
 The maker publishes no gauge data sheet beyond its range and resolution. The spreads are the

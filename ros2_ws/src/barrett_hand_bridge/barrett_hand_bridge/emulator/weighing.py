@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hanging known weights on the gauges of an emulated hand, as one does before measuring."""
 
 from __future__ import annotations

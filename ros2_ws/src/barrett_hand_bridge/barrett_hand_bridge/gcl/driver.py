@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Driver of a BH8-262 over RS-232: Supervisory set-up, then RealTime cycles."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Supervisory mode of a serial BarrettHand: command lines out, replies in (pure functions).
 
 BH8-series manual for firmware 4.3x (pages 28 to 41), BH8-262 manual for firmware 4.4 (pages 40 to

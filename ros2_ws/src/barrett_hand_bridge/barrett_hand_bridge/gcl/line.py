@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The serial line of a GCL hand: commands with echo and prompt, resynchronisation, line speed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Serial ports: the part of pyserial that is used, opening one, and finding it again by name."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """RealTime mode of a serial BarrettHand: size and content of its blocks (pure functions).
 
 BH8-series manual for firmware 4.3x, section 6; BH8-262 manual for firmware 4.4, section 6.

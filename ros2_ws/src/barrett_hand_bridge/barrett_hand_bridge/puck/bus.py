@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Opening a CAN bus by any interface that python-can knows."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Driver of a BH8-280 or BH8-282 over CAN: Puck 2 properties polled by group messages."""
 
 from __future__ import annotations

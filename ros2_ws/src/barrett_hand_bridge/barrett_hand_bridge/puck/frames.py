@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CAN frames of the Puck 2 motor controllers: identifiers, properties, positions, touch cells.
 
 Facts after the maker's and four other open drivers (property sets, identifiers, packing); pure

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finding the zeros of a BH8-280, and the proof that it was done since power-up.
 
 A puck that is awake may never have been homed: the bridge before this one may only have woken it.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Property numbers of the Puck 2: they depend on the firmware, so VERS is read first."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pucks behind an open CAN bus: properties set and asked for, frames in and out."""
 
 from __future__ import annotations

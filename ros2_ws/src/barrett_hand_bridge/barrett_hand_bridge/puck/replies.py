@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Replies of the pucks, gathered into cycles and touch pictures (no bus in here)."""
 
 from __future__ import annotations

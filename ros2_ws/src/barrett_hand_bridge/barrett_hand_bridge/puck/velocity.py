@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Velocities of a BH8-280: whole counts per millisecond in mode 4, with what the mode needs.
 
 The maker's page on control modes: velocity is MODE 4 with TSTOP 0, limited to MV. With a stall

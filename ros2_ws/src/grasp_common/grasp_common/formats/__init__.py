@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Readers of scan and mesh files, one module per format, bytes in and plain arrays out.
 
 Every reader is a function `read_<format>(data) -> RawMesh` that raises ScanFileError and nothing

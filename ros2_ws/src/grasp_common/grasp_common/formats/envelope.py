@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a file is before it is a scan: compressed, in another text encoding, or something else.
 
 Compression and encoding are undone; what no reader here can take is named with the way out.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wavefront OBJ: vertices and faces of all groups; textures, normals and materials ignored."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """OFF (Geomview) in text: vertices and polygons; colours, normals and textures ignored.
 
 Not from trimesh, which reads plain `OFF` alone: scanners and MeshLab write `COFF` and `NOFF`.

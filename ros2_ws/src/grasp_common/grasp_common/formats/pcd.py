@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PCD, the point clouds of PCL and ROS: ascii, binary and binary_compressed, any field types.
 
 Ours because the packages that read it on the index pull in a compiler or PCL itself; the format is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PLY, ASCII and binary of both byte orders: vertex positions and faces, the rest skipped."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The header of a PLY file: byte order, elements and their properties."""
 
 from __future__ import annotations

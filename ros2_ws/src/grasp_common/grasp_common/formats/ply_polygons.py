@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Polygons and strips of PLY as triangles, whatever their corners are read from."""
 
 from __future__ import annotations

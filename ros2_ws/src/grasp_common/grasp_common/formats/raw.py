@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a reader returns, the error it raises, and parsing of large blocks of numbers in text."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The one door to all formats: by the name of the file, or by its first bytes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """STL, binary and ASCII. Every corner is stored anew: vertices are welded by the caller."""
 
 from __future__ import annotations

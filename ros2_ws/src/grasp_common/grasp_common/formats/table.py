@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of points in text (.xyz, .txt, .asc, .csv, .pts): numpy's parser, a sniffed dialect.
 
 The first lines tell what separates the columns, whether a comma is a decimal point, and which

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """VRML 2 (`.wrl`): the IndexedFaceSets and PointSets of a scene with their transforms.
 
 Neither trimesh nor meshio reads VRML, hence this reader. It parses the node syntax of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Vertices at one place made one: STL stores each corner anew, exporters round and repeat."""
 
 from __future__ import annotations

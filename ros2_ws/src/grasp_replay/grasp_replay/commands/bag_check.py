@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`bag_check`: what is in a bag, is it sound, and save what can be saved."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`grasp_report`: a recorded grasp through the whole pipeline, offline."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report page: one offline HTML file and one picture per row of the table.
 
 `write_report` is the whole interface; the dataclasses of `scene` are what it draws.

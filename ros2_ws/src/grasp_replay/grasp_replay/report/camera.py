@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An orthographic camera that looks at a dent from the side, and what it can see."""
 
 from __future__ import annotations

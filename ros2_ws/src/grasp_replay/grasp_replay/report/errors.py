@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From errors at scan points to a colour per vertex, on one scale for the whole report."""
 
 from __future__ import annotations

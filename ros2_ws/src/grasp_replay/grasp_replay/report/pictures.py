@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report's drawings: triptychs, dent profiles, force over displacement, linearity.
 
 Colours are cividis, unlit: monotone in lightness, so they read without colour vision and in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the report draws: one `RowScene` per row of the table, and the curves beside them.
 
 Everything is in SI units and in the object's frame. Surfaces are **outer faces** (what a scanner

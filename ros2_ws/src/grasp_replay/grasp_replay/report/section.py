@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cuts through the dent: where a plane meets a triangulated face and its scan."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Turnable rows: one hidden WebGL canvas draws every row, each row shows its picture on a plain
 // canvas, so that any number of rows costs one context. Without WebGL the printed pictures stay.
 (function () {

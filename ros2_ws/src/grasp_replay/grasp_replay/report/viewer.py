@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The turnable pictures' data: rows packed as small integers inside the page.
 
 Positions are 16-bit steps of the row's box (65 mm / 65535 = 1 um), scalars 8-bit steps of the

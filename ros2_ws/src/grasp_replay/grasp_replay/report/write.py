@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`write_report`: everything of a run in one offline HTML file, and its pictures beside it."""
 
 from __future__ import annotations

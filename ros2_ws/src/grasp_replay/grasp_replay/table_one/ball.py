@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ball's rows of Table I: one modulus against four forces and displacements.
 
 Every number of a nonlinear theory stands beside that of an independent axisymmetric solver

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """(h) The can's row: its support is the unknown, and no verdict between theories follows.
 
 The paper states no support. Straight edges that rest on springs along the ground go from sliding

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The study of Table I as a section of a report, and as a page of its own."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """(g) The paper's own set-up for the ball: its patches, its theory, its minimiser, its 7 %.
 
 Section V gives each finger a subdivision patch of 45 x 45 mm with an unmoved rim; the two are

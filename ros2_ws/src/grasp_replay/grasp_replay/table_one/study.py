@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All of Table I from the published file alone: one document of numbers."""
 
 from __future__ import annotations

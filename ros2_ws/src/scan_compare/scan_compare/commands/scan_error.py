@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`scan_error`: scan files against a deformed surface; statistics, JSON and pictures."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An orthographic depth buffer: scan, model and error map seen by the same camera.
 
 Everything is drawn as points into a depth buffer and shaded from the depths themselves, so that a

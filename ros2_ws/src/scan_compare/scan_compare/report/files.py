@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writing a comparison: JSON, CSV, PLY with the error as a scalar, pictures, offline page."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures of a comparison, drawn with matplotlib without any display."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The statistics of a comparison as rows of words and numbers, for terminals and pages."""
 
 from __future__ import annotations

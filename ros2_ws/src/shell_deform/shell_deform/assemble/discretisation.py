@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Strain energy, its gradient and its tangent stiffness over a whole Loop surface.
 
 A `Discretisation` is the undeformed shell at its quadrature points (`shell_points.py`) with what a

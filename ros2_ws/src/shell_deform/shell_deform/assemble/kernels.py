@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compiled loops over quadrature points: energy, gradient and tangent stiffness of the shell.
 
 Points are sorted by element; the rows of a point list the coefficients of its element's nodes in

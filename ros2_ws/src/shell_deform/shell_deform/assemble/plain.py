@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plain numpy twins of `assemble.kernels`: the oracle in tests, and the way without numba."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Everything about an undeformed shell that never changes, at its quadrature points.
 
 Basis rows in the reference frame of each point, weights, wall stiffness, and a sparsity pattern

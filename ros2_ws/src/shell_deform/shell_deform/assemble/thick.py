@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A shell whose wall shears and changes its thickness, and the pins that press on its outer face.
 
 A `ThickShell` is a `Discretisation` with more unknowns than control points. All of them are rows

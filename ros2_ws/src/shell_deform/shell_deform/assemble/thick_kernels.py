@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compiled loops over the quadrature points of a thick shell: energy, gradient, tangent stiffness.
 
 The unknowns are rows of three: control points [m], then shear nodes (two components in the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Console commands of shell_deform.
 
 Dense blocks here are small: more than one BLAS thread per process only spins.

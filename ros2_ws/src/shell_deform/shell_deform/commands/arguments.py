@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Types of command-line numbers that refuse impossible values (exit code 2)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every command does alike: one clear sentence on failure, JSON."""
 
 from __future__ import annotations

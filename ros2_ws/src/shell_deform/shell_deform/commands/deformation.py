@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`deformation`: the live node as a command."""
 
 from __future__ import annotations

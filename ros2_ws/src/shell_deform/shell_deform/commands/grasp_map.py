@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`grasp_map`: many grasps of one object, squeezed, measured and ranked."""
 
 from __future__ import annotations

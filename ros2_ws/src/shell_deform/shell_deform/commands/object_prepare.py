@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`object_prepare`: from a scan of the undeformed object to an object file."""
 
 from __future__ import annotations

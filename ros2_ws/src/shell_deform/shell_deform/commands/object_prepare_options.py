@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line of object_prepare; nothing here reads a scan."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """shell_identify: modulus, pressure or thickness from a table, its scans, or a recorded grasp."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line of shell_identify; nothing here loads the solver."""
 
 from __future__ import annotations

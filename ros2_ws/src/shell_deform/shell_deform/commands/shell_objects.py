@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`shell_objects`: the known objects and their numbers."""
 
 from __future__ import annotations

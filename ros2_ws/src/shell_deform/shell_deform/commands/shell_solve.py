@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """shell_solve: squeeze one object by force or displacement; JSON, mesh and picture out."""
 
 from __future__ import annotations

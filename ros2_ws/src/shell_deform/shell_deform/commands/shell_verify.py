@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """shell_verify: every reference problem, ours beside the reference."""
 
 from __future__ import annotations

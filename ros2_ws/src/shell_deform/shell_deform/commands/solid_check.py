@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `shell_verify --solid` shows: excess stiffness of thin shells as a table and a plot."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether kernels can be compiled, what their sources are, and where they are kept.
 
 Modules of kernels import `kernel_types` and so need numba; whoever uses them asks `HAVE_NUMBA`

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compile every kernel, several at a time, so that no later start waits.
 
 The first import of a kernel does so where no earlier start has; `make setup` does it by

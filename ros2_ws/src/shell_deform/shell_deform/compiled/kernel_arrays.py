@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """New arrays for kernels: one compiled function per type.
 
 numba compiles `np.empty`, `np.zeros` and `np.full` anew for every type and every written-out shape

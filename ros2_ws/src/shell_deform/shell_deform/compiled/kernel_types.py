@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Types of the kernels' arguments, and how kernels are compiled, free of the interpreter lock.
 
 Signatures are written out: a kernel is compiled when its module is first imported, and not again

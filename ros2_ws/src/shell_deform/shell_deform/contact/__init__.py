@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """What pushes: loads, pins, and rigid pads in unilateral contact."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigid bodies that touch a shell: how far points are from them, in any pose.
 
 A shape lives in a frame of its own whose origin lies on its surface and whose z axis points out of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How rigid bodies press on a shell: pressure, friction, force, tangent.
 
 At every contact point of the outer face the pressure is p = max(0, l - e g) with distance g from

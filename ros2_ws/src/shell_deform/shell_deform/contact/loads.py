@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Contacts and other loads as consistent nodal forces on the undeformed surface.
 
 A contact has a radius: under a mathematical point force Koiter's energy has no convergent

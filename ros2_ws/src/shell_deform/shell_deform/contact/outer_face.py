@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The outer face of a shell at points where bodies may touch it, and how it moves.
 
 All that contact knows of a theory: where the outer face is at a point, how that depends on the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How rigid pads press on a discretised shell: pressure, force, tangent.
 
 The middle surface stays half a wall away from a pad (where the two touch, that is the outer face

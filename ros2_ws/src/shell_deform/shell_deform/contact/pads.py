@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigid pads: round bars with a flat end or a cap of a sphere, and how far a point is from one."""
 
 from __future__ import annotations

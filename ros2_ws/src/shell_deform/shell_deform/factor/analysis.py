@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sparse symmetric factorisation K = L D L^T behind one small interface, inertia reported.
 
     symbolic = analyse(pattern, coordinates)         # once per mesh

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every factor of a sparse symmetric matrix offers: solves, refinement, inertia, zero modes.
 
 Pivots that are tiny against the equilibrated matrix stay outside a factor. With the strong part's

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SciPy's dense BLAS and LAPACK called from compiled kernels, on flat column-major arrays.
 
 The addresses come from the capsules of `scipy.linalg.cython_blas` and `cython_lapack` and are

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bordered systems and low-rank updates of a factorised matrix, with their inertia.
 
 A bordered system [[K, C], [C^T, D]] serves displacement control, arc length and Lagrange

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Elimination inside one dense symmetric front, with pivots chosen for stability.
 
 A pivot is taken only if its column of L stays bounded (threshold test of Duff and Reid); a column

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Elimination forest of a vertex graph and its grouping into fronts.
 
 Sources: J. W. H. Liu (1990), doi:10.1137/0611010 (elimination trees); C. Ashcraft and R. Grimes

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Filling a front: entries of the matrix and Schur complements of the children.
 
 Matrix values are read where SciPy keeps them (`Matrix` in `front_types`) and scaled on the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Types of what the multifrontal kernels pass to each other."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Multifrontal LDL^T: the numeric factorisation, compiled.
 
 Written here because no permissively licensed wheel factorises indefinite matrices, reports the

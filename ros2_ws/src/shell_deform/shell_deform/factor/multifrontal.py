@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The house's own factor: multifrontal L D L^T in compiled kernels."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nested dissection: an elimination order that keeps the factor of a mesh matrix thin.
 
 A set of vertices is cut in two by planes through its median in several directions; the smallest

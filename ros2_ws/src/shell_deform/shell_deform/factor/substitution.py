@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Triangular solves with a multifrontal factor, for one or many right-hand sides at once.
 
 Right-hand sides are rows of r numbers in elimination numbering, which BLAS sees as the columns of

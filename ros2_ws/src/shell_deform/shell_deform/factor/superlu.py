@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SciPy's SuperLU as a factor: slower, without reuse of the pattern, always present."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Analysis of a vertex graph for the multifrontal factorisation: fronts, once per mesh.
 
 A front owns the vertices that it eliminates; its rows are these and, behind them, the later

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One BLAS thread while fronts are eliminated.
 
 Fronts are small: the threads of OpenBLAS gain nothing there, and on a busy machine they wait for

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Maps of thousands of grasps, on processes here or on a Dask cluster; resumable after a kill.
 
 Each grasp is a file of its own, which appears as a whole, in a folder named by what goes in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The largest load that the contacts can carry with the pushes they have: limit analysis.
 
 Each contact may press with any share of its present push and carry what friction allows of it; the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the contacts can close a grasp by squeezing, and which friction that needs.
 
 A grasp is force-closed where some squeeze, strictly inside all friction cones, balances itself and

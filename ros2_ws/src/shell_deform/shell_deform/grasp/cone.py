@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Exact programmes over friction cones; `cone_plain` says what is solved and how."""
 
 from __future__ import annotations

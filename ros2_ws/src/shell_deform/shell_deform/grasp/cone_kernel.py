@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The compiled form of `cone_plain.solve_plain`: the same method without temporaries."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Second-order-cone programmes of a few unknowns, in plain numpy: the twin of `cone_kernel`.
 
     minimise c x  subject to  A x = b,  x = (x_1, ..., x_k, u),  |x_i[1:]| <= x_i[0],  u >= 0

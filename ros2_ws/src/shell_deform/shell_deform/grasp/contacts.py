@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The contacts of a grasp and the wrenches that they can carry."""
 
 from __future__ import annotations

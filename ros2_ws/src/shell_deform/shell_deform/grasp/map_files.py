@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The files of a map: JSON and CSV of all grasps, a page with the picture and the best ones."""
 
 from __future__ import annotations

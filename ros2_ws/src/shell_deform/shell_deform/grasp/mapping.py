@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One grasp of a map: sampled, squeezed and measured; the same bytes wherever it is worked out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far each finger is from slipping under the forces that it carries now."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All measures of one grasp, together: what is published live, written off-line and ranked."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How sure closure is: its probability under the sigmas of points, normals and friction."""
 
 from __future__ import annotations

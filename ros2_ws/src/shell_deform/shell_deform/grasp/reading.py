@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The grasp in an equilibrium of a shell: contacts, how they share loads out, what the wall bears.
 
 What the held patches of a solved shell carry besides their pushes is the tangential force and spin

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random pin grasps of an object: where the pins touch and along which lines they close."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """First slip while the fingers stand still: a load is shared out by the stiffness of the shell.
 
 A worm drive holds its finger where it is. The object moves against the fingers by what its wall

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How firmly an object sits between fingers that stand still, and what squeezing it has cost.
 
 A wrench on the object, spread over its wall as its weight is, moves it against the fingers. The

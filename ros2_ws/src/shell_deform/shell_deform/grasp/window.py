@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The squeeze window: the least squeeze that lifts the object, and the most that it bears."""
 
 from __future__ import annotations

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Modulus, pressure and wall from force curves, squeezes and dents."""

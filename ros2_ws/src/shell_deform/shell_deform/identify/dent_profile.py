@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wall thickness from the shape of scanned dents.
 
 A dent is as wide as sqrt(R h) while its force goes as E h^2.5: its shape fixes the thickness,

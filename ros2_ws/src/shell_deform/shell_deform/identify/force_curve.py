@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Force of a squeezed object over displacement, for any modulus and gas pressure."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Young's modulus, and internal pressure where the data allow it, from forces and displacements.
 
 Nonlinear least squares on the nonlinear model: at each measured displacement the model's force is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Force and displacement pairs from a recorded grasp: travel of the contacts against push."""
 
 from __future__ import annotations

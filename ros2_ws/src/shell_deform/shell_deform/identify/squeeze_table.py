@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Force and displacement pairs from a CSV table, and the scan that a row may name."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Memory shared by the node and the background process.
 
 One anonymous file holds, in this order: the surface at rest, one mailbox for the newest load case,

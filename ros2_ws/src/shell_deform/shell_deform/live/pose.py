@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the object is: rigid poses between the frame of the contacts and the object's own."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The `deformation` node: contacts in, deformed surface out, at every sample."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The publishers of the deformation node."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Thin shells by name or file, and the control meshes that carry them."""
 
 from .loader import load_object, object_names

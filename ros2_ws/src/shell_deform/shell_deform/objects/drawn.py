@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Draw the vertices of a mesh together around given places, without changing its topology."""
 
 from __future__ import annotations

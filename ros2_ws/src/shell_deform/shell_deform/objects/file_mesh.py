@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Control meshes, triangles and points that come from a file."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Control meshes on rectangular grids, and the surfaces that they carry."""
 
 from __future__ import annotations

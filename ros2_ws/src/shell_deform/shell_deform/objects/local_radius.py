@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How round a surface is at a place: what the size of a contact there depends on."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From an object to a control mesh whose limit surface is the object's middle surface."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a scan of the undeformed object to its control mesh."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which primitive a scan shows, and how much of it: a sphere, a cylinder or a cone.
 
 A scanner sees one side. A surface fitted to half a ball is a bowl, and solves as one; where a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Meridians of surfaces of revolution: smooth pieces, moved in by half the wall."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The reference of the object file, from its JSON Schema: one source for editors and people."""
 
 from __future__ import annotations

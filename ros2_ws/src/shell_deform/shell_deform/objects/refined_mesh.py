@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Smaller triangles around given places by more vertices, where drawing together cannot reach."""
 
 from __future__ import annotations

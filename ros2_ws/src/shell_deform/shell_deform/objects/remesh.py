@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Even triangles of a wanted number on a scanned surface.
 
 Decimation (quadric error, package fast-simplification) brings the scan down to the wanted number

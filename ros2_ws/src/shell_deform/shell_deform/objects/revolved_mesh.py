@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Control meshes of surfaces of revolution, with sharp edges kept and poles capped."""
 
 from __future__ import annotations

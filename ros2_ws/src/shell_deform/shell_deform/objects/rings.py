@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Triangulations made of rings: staggered rows that may end in hexagonal caps.
 
 A cap around a pole is a piece of the regular triangular lattice: ring k has 6 k vertices. Beyond

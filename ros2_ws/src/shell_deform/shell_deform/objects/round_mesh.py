@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Control meshes of spheres and ellipsoids, graded towards two poles."""
 
 from __future__ import annotations

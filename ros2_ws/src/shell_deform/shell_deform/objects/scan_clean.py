@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the triangles of a scanner to one clean, oriented, manifold piece."""
 
 from __future__ import annotations

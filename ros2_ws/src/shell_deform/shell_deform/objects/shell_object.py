@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the suite knows about one thin shell: shape, wall, material, gas, supports, contacts."""
 
 from __future__ import annotations

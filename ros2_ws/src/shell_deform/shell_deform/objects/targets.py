@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Exact middle surfaces of the primitives: nearest point, normal, outline."""
 
 from __future__ import annotations

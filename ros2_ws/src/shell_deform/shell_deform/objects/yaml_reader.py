@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Strict reading of a YAML document: every complaint names the file and the line."""
 
 from __future__ import annotations

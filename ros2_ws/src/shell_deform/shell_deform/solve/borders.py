@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The dense borders of a load case: what pushes, what measures, what is held."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The paper's own minimiser: conjugate gradients from its initial displacement field.
 
 Section IV of the paper: near every contact the displacement is at first linear in the distance

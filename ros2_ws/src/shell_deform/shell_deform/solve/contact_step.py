@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One load step with rigid bodies in contact: Newton's method and multipliers in one loop.
 
 Multipliers are warm from the last state. As soon as the forces nearly balance they take over the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Arc length: equilibrium paths through limit points in load and in displacement.
 
 Every step prescribes the motion along the path's own last direction and leaves the load factor

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is asked of a shell, and what comes back: load cases and equilibria."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where contacts only touch: the zero of every depth that a gauge or a user counts."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Equilibrium of a shell model under a load case: Newton's method with adaptive load steps.
 
 A step that does not converge is halved.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One load step by Newton's method with few factorisations.
 
 One factorisation serves several iterations as long as each shrinks the residual well (the chord

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What rigid pads add to the tangent and to the state of a shell."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Loads on the way to a load case, and where the path through the last states leads next."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far a state is from snapping: the smallest stiffness of the motions that its controls allow.
 
 At a limit or bifurcation point some motion meets no stiffness. Its stiffness falls to zero on the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Loop subdivision limit surfaces on any manifold triangle mesh."""
 
 from .closest_point import ClosestPoints

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The quartic box spline of a regular triangle patch: twelve points, one triangle.
 
 The twelve points stand on the triangular lattice in the order in which a patch lists them:

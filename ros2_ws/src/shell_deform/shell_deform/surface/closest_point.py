@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Closest point on a limit surface: nearest sample, then Newton across the patches.
 
 No library evaluates the Loop limit surface, so none can project onto it. The search starts at the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Newton projection of points onto a limit surface; one numba kernel, serial, without the GIL."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The closest-point search in plain numpy: the compiled kernel's oracle, and its stand-in.
 
 All points take their steps together; apart from that it is the same search.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the closest-point searches read and fill, as named tuples, and their limits."""
 
 from __future__ import annotations

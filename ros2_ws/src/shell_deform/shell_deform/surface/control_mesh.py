@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Control mesh of a Loop subdivision surface: triangles, adjacency and sharp features.
 
 A mesh is validated once, when it is built, and never changes afterwards: everything that is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Least-squares control points whose limit surface lies on a given smooth surface."""
 
 from __future__ import annotations

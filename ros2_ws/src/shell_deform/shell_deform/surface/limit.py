@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Loop limit surface of a control mesh: positions, normals, curvature, closest points."""
 
 from __future__ import annotations

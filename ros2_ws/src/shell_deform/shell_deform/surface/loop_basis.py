@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Basis functions of the Loop limit surface: values, first and second derivatives anywhere.
 
 Values and first derivatives are exact up to round-off at any point of any triangle. Towards a

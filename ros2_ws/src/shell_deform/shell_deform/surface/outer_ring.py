@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One ring of control points beyond every edge of an open mesh.
 
 Loop's rules for an edge mirror the control points beyond it: the surface has no curvature across

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Topology of the neighbourhood that shapes one triangle, and its exact local subdivision.
 
 The limit surface over a triangle depends on the fans of triangles around its three corners, each

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds the patch of every triangle of a control mesh and the control points that shape it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Symmetric integration rules on the parameter triangle.
 
 D. A. Dunavant, High degree efficient symmetrical Gaussian quadrature rules for the triangle,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Control points whose limit surface follows the points of a scan."""
 
 from __future__ import annotations

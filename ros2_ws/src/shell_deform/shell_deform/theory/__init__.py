@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Strain measures of thin shells, each as a function of the surface derivatives at a point.
 
 A theory maps the five derivative vectors of the deformed middle surface, taken in the orthonormal

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Air inside a closed shell: none, open to the room, or sealed (isothermal ideal gas)."""
 
 from __future__ import annotations

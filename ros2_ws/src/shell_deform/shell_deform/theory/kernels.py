@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compiled energy, gradient and Hessian of every theory at one point; twins of the numpy modules.
 
 One kernel per quantity, a theory chosen by its code, so that numba's on-disk cache serves every

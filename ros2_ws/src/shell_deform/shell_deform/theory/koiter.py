@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Koiter's measure, the default: Green-Lagrange strain and change of the second fundamental form.
 
 Both are invariant under rigid motion (shell_theory: E_ab = (a_ab - A_ab) / 2, K_ab = b_ab - B_ab

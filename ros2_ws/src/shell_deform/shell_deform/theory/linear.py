@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The paper's small-deformation strains: equations (18)-(20) without products of displacements.
 
 They are the first-order part of the paper's nonlinear strains at the undeformed surface, so one

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plane-stress law of an isotropic, linearly elastic shell wall (paper equation (21))."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Green-Lagrange membrane strain: paper equations (9)-(11) with omega of (5), (6) in their places.
 
 The paper prints omega_1 and omega_2 swapped relative to their use in (9)-(17). With

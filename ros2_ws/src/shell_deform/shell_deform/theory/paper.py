@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The paper's nonlinear strains, equations (3)-(20), for an arbitrary parametric middle surface.
 
 With the misprint of (5), (6) corrected, (12)-(14) say that the deformed fibre is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The undeformed surface at quadrature points, in an orthonormal tangent frame of each point."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The wall of a thick shell at one point: energy, stresses and tangent of eleven metric numbers.
 
 A point of the wall at height z over the middle surface lies at x = phi + zeta(z) d with a unit

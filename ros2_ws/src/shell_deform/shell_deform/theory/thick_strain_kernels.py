@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Metric numbers of a thick wall from the derivatives of its middle surface and its shear.
 
 The director is the unit vector d along v = n + W^a a_a: n the normal of the deformed middle

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How thin a wall must be: what Kirchhoff-Love theory costs against a solid.
 
 A thin-shell wall does not shear and does not give under the pin, so a solid of the same rubber is

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reference problems: ours beside published, analytic and independent values."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A second solver for one problem: a sphere between two pins, by axisymmetric shell theory.
 
 It shares nothing with the surfaces, assembly and solvers of this package. The meridian of a

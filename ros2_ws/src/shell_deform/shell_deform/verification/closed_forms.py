@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Problems with closed-form answers: clamped plates, a slit tube under torque, tubes turned far.
 
 SI units. Every length is in metres, every modulus in pascals.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigid bodies with friction: a sphere between plates against a solid, and exact identities."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Regular meshes of parametric test surfaces, with a ring of control points beyond every edge.
 
 The ring belongs to the spline space, not to the surface: triangles outside are inactive. So the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The linear obstacle course: Scordelis-Lo roof, pinched cylinder, pinched hemisphere.
 
 Kirchhoff-Love limits; the linear theory solved is Koiter's first-order part (tangent at rest).

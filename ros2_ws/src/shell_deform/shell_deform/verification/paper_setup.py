@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The paper's set-up beside the whole ball, its minimiser beside Newton's method.
 
 Section V of the paper gives every finger its own subdivision patch of 45 x 45 mm on the ball, its

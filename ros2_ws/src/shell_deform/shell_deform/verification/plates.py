@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A hollow sphere between two rigid plates: the pads against a solid with contact."""
 
 from __future__ import annotations

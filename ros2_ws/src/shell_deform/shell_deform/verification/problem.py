@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One verified quantity: what was asked, what the reference says, what came out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every reference value in one table: what it is, who says so, whether ours is scored on it."""
 
 from __future__ import annotations

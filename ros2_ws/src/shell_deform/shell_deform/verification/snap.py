@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Snap-through and snap-back of the hinged cylindrical roof under a central force.
 
 R 2540, length 508, half angle 0.1, E 3102.75, nu 0.3 (mm, N, MPa), straight edges hinged, curved

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Thin shells beside solids: spheres of R/h from 6 to 100 under a pin.
 
 The solids are axisymmetric, nearly incompressible neo-Hookean, solved by CalculiX (`bags/solid`

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Squeezed spheres: an independent axisymmetric solution, and closed forms under pressure."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The geometrically nonlinear shell problems of Sze, Liu & Lo (2004), point by point.
 
 Finite Elements in Analysis and Design 40:1551-1569. A displacement is scored against the larger of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """By how much a mesh is too coarse under a contact.
 
 A dent lives on the bending length sqrt(h / curvature); what triangles of an edge e under the

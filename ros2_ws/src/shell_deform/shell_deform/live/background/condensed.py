@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The response of a loaded shell about one equilibrium, condensed to a few inputs.
 
 The fast tick may not solve the full system, so the background process does it once per state: it

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which material patch each finger presses, while fingers touch, slide and leave.
 
 A held contact keeps its material point. When a finger has moved sideways by more than a share of

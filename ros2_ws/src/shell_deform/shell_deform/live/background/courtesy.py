@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How the background process keeps out of the way of the fast loop.
 
 A scheduler takes a processor on which only the idle class runs for free, and one on which a nice

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the strain energy sits: a density per control vertex, to colour the nonlinear answer."""
 
 from __future__ import annotations

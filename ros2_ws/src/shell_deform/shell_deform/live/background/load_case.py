@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A load case on its way from the tick to the background solver."""
 
 from __future__ import annotations

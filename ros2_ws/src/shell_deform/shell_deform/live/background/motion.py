@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the contacts will be when the equilibrium is ready.
 
 A refresh takes a while, and its result serves for as long again. Solved where the fingers were, it

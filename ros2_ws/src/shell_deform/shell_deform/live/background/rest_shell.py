@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The shell at rest with its factorised tangent, as the background process hands it to the node.
 
 With it the node answers contacts that no equilibrium knows yet. It travels once, through an

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """First and second order of a shell's response in its loads, about rest.
 
 Linear theory is the first; the gauge of its error, `linearity.py` of the tick, needs the second.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the background process does with a load case: contacts, equilibrium, columns, result.
 
 Free of processes and shared memory, so that tests and offline runs can call it directly.

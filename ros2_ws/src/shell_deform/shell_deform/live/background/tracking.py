@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Following an equilibrium while its load case changes a little at a time.
 
 The factorised tangent of the last state serves the chord iterations to the next one, and the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether another process gets on, and what is wrong with it when it does not.
 
 It counts up a number wherever it goes round a loop. When that number stands still, the kernel

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The background process: builds the shell, then solves the newest load case, again and again.
 
 Started as `python -m shell_deform.live.background.worker SOCKET EVENT`: a fresh interpreter

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node's end of the background process: starts it, feeds it, replaces it where need be."""
 
 from __future__ import annotations

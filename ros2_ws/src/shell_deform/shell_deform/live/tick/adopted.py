@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A result of the background process, as the tick uses it: an equilibrium and its tangent."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Linear theory from rest for one set of contacts, as the tick uses it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`hand/contacts` as a sample of the estimator, from a topic or from a bag."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What /diagnostics says of the live estimator: a level, a sentence, and every figure."""
 
 from __future__ import annotations

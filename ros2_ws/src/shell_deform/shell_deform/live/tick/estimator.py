@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The fast tick: from one sample of the contacts to the served surface, without solving anything.
 
 The background process leaves an equilibrium and what a few inputs do to it. A tick weighs force

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Contacts that no equilibrium knows yet, answered in the tick that sees them first.
 
 The tangent at rest was handed over once. Where a finger touches, its patch is laid on the shell at

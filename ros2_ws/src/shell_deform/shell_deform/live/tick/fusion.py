@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Force and motion together: the small weighted least-squares problem of every tick.
 
 Unknown are the inputs of the condensed response (pushes, lateral slips, free rigid motion,

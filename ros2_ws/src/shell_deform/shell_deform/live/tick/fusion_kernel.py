@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The compiled form of `fusion_plain`: the same least-squares problem without temporaries.
 
 Rows of the design are added one by one to normal equations scaled to a unit diagonal; with

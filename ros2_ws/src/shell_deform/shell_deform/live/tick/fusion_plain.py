@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The fusion in plain numpy: the oracle of the compiled one, and its stand-in without numba."""
 
 from __future__ import annotations

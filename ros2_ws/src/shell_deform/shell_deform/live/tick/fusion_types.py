@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the fusion of a tick reads, as named tuples: its kernels take them by their names, too."""
 
 from __future__ import annotations

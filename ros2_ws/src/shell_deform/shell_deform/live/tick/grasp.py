@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The grasp of every sample: which fingers slip when, whether it closes, what it lifts.
 
 On the deformed normals of the last equilibrium, with the pushes of this sample. No gauge sees

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of the running node: latencies, rates, losses, memory."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The gauge of the transition from linear to nonlinear theory.
 
 Linear theory is the first term of the response in the loads. The second term costs one more right

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mailbox record by which the tick asks the background process for an equilibrium."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When the mesh should be built again, because fingers rest where it is too coarse."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The live estimator without processes: tick and solver take turns, as the caller says."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the tick does when fingers let go: who still presses, and when rest is the better tangent.
 
 A hand reports a contact for a while after its finger has left, and its encoders go on: taken at

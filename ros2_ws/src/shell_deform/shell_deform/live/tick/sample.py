@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One sample of the hand's contacts, as the estimator takes it: arrays, SI units, one row each."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The heavy part of the tick, compiled: displacement field, its sigma, and the packed message.
 
 One pass over the vertices writes x y z ux uy uz displacement sigma as float32 in the frame of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the estimator can say right now, from its own steady clock."""
 
 from __future__ import annotations

@@ -119,10 +119,13 @@ def object_contacts(
     if not shell_object.contacts:
         raise ObjectError(f'{shell_object.name}: no contacts; add contacts: [{{at_m: …}}]')
     found = []
+    rubbing = any(contact.friction > 0.0 for contact in shell_object.contacts)
     for number, contact in enumerate(shell_object.contacts):
         at = np.array(contact.at_m)
         if contact.kind == 'pad':
             patch = model.pad(at, contact.radius_m, contact.curvature_radius_m)
+            if rubbing:
+                patch = model.with_friction(patch, contact.friction)
         else:
             patch = model.contact(at, radius or contact.radius_m)
         away = float(np.linalg.norm(at - patch.point)) - 0.5 * shell_object.thickness_m

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from shell_deform.assemble.discretisation import Discretisation
 from shell_deform.assemble.thick import Stamp, ThickShell
-from shell_deform.contact.bodies import Body, Shape, frame_of
+from shell_deform.contact.bodies import Body, RoundBar, Shape, frame_of
 from shell_deform.contact.contact_field import WallStiffness, wall_stiffness
 from shell_deform.contact.loads import ContactPatch, LoadError, contact_patch
 from shell_deform.contact.outer_face import OuterFace, outer_face
@@ -152,6 +152,15 @@ class ShellModel:
         patch, apex = self._first_touched(at, radius)
         curvature = 0.0 if curvature_radius is None else 1.0 / curvature_radius
         return replace(patch, pad=Pad(apex, patch.axis, float(radius), curvature))
+
+    def with_friction(self, patch: ContactPatch, friction: float) -> ContactPatch:
+        """The contact of a round pad as that of a body, which may rub."""
+        if patch.pad is None:
+            return patch
+        pad = patch.pad
+        shape = RoundBar(pad.radius, pad.curvature)
+        body = Body(shape, pad.apex, frame_of(pad.axis), pad.axis, friction)
+        return replace(patch, pad=None, body=body)
 
     def touched_by(
         self,

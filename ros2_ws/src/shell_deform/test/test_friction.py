@@ -8,8 +8,10 @@ import pytest
 
 from shell_deform.contact.contact_field import contact_field
 from shell_deform.contact.outer_face import outer_face
+from shell_deform.objects import ObjectError, load_object
 from shell_deform.solve.equilibrium import LoadCaseError, displaced
 from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.squeeze import load
 from shell_deform.verification import friction as verification_friction
 from shell_deform.verification.friction import plated, squeezed
 
@@ -123,3 +125,34 @@ def test_a_motion_that_fits_no_contact_is_refused(held):
     for motion in (np.zeros((1, 6)), np.full((2, 6), np.nan)):
         with pytest.raises(LoadCaseError, match='motion must be 2 x 6 finite numbers'):
             replace(displaced(contacts, [0.0, 0.0]), motion=motion)
+
+
+TEXT = (
+    'name: ball\nsurface: {sphere: {outer_diameter_m: 0.101}}\nthickness_m: 0.001\n'
+    'young_modulus_pa: 1.0e+9\npoisson_ratio: 0.3\ncontacts:\n'
+)
+
+
+def test_pads_of_an_object_file_may_rub(tmp_path):
+    file = tmp_path / 'ball.yaml'
+    rows = ''.join(
+        f'  - {{at_m: [0, 0, {z}], radius_m: 0.04, kind: pad, friction: 0.3}}\n'
+        for z in (0.0505, -0.0505)
+    )
+    file.write_text(TEXT + rows)
+    ball = load(file, control_vertices=300)
+    assert [contact.body.friction for contact in ball.contacts] == [0.3, 0.3]
+    squeezed_ball = ball.squeeze(displacement=1e-4)
+    assert squeezed_ball.state.touches[0].force[2] < 0.0 < squeezed_ball.contact_force[0]
+
+
+@pytest.mark.parametrize(
+    ('kind', 'friction', 'says'),
+    [('pin', '0.3', 'friction needs kind: pad'), ('pad', '-0.1', '-0.1'), ('pad', '.nan', 'nan')],
+)
+def test_friction_that_cannot_be_is_refused_with_its_line(kind, friction, says, tmp_path):
+    file = tmp_path / 'ball.yaml'
+    row = f'  - {{at_m: [0, 0, 0.0505], radius_m: 0.004, kind: {kind}, friction: {friction}}}\n'
+    file.write_text(TEXT + row)
+    with pytest.raises(ObjectError, match=says):
+        load_object(file)

@@ -255,7 +255,7 @@ def _is_number(text: str) -> bool:
 
 
 def _contact(entry: Entry, surface: Surface) -> Contact:
-    found = entry.mapping(['at_m'], ['radius_m', 'kind', 'curvature_radius_m'])
+    found = entry.mapping(['at_m'], ['radius_m', 'kind', 'curvature_radius_m', 'friction'])
     x, y, z = (value.number(minimum=-1000, maximum=1000) for value in found['at_m'].items(3))
     kind = cast(Any, found['kind'].text(['pin', 'pad']) if 'kind' in found else 'pin')
     largest = smallest_radius(surface) if kind == 'pin' else 1000.0
@@ -267,4 +267,9 @@ def _contact(entry: Entry, surface: Surface) -> Contact:
         if kind == 'pin':
             raise found['curvature_radius_m'].error('curvature_radius_m needs kind: pad, not pin')
         curvature = found['curvature_radius_m'].number(minimum=radius, maximum=1e6)
-    return Contact((x, y, z), radius, kind, curvature)
+    friction = 0.0
+    if 'friction' in found:
+        if kind == 'pin':
+            raise found['friction'].error('friction needs kind: pad, not pin')
+        friction = found['friction'].number(minimum=0.0, maximum=10.0)
+    return Contact((x, y, z), radius, kind, curvature, friction)

@@ -123,13 +123,14 @@ class Contact:
     """A place where the object is touched, on its outer face.
 
     A pin presses evenly over its radius. A pad is a rigid body with a rim of that radius and a
-    flat face, or one of `curvature_radius_m`.
+    flat face, or one of `curvature_radius_m`, and a coefficient of friction.
     """
 
     at_m: tuple[float, float, float]
     radius_m: float
     kind: Literal['pin', 'pad']
     curvature_radius_m: float | None = None
+    friction: float = 0.0
 
 
 @dataclass(frozen=True)

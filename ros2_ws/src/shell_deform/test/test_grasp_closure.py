@@ -119,6 +119,17 @@ def test_neither_frame_nor_order_nor_size_changes_the_needed_friction(seed, coun
     assert two == pytest.approx(one, rel=1e-5, abs=1e-5)
 
 
+def test_a_guess_saves_time_and_changes_nothing():
+    rng = np.random.default_rng(12)
+    for _ in range(40):
+        grasp = random_grasp(rng, int(rng.integers(2, 6)), 0.5)
+        alone = closure(grasp)
+        for guess in (alone.needed, 1.1 * alone.needed, 0.7 * alone.needed):
+            found = closure(grasp, guess)
+            assert found.needed == pytest.approx(alone.needed, rel=1e-5)
+            assert found.closed == alone.closed
+
+
 def test_the_sensitivities_are_those_of_finite_differences():
     rng = np.random.default_rng(4)
     for count in (2, 3, 4):

@@ -18,6 +18,7 @@ from shell_deform.grasp.contacts import (
     FORCES,
     GraspContacts,
     contact_wrenches,
+    cross,
     size_of,
     tangents,
     why_open,
@@ -105,7 +106,7 @@ def _narrowed(
     Dinkelbach's method (Manage. Sci. 13(7):492, 1967): the margin at a share gives a squeeze, the
     squeeze its own share, which is less.
     """
-    share = min(steepest, 1.0 if guess is None else guess * (1.0 + 1e-3) + SMALLEST_SHARE)
+    share = min(steepest, 1.0 if guess is None else guess * (1.0 + 1e-4) + SMALLEST_SHARE)
     for _ in range(MOST_NARROWINGS):
         try:
             margin, squeeze, multipliers = _widest(wrenches, share)
@@ -166,8 +167,8 @@ def _sensitivity(
     force = squeeze[:, :1] * grasp.normal + across[:, :1] * first + across[:, 1:2] * second
     z_force, z_moment = multipliers[:3], multipliers[3:6] / size
     offset = grasp.point - grasp.point.mean(axis=0)
-    velocity = z_force + np.cross(z_moment, offset)
-    by_point = np.cross(force, z_moment)
-    by_normal = np.cross(force, velocity)
-    by_normal += (grasp.arm * across[:, 2])[:, None] * np.cross(grasp.normal, z_moment)
+    velocity = z_force + cross(z_moment, offset)
+    by_point = cross(force, z_moment)
+    by_normal = cross(force, velocity)
+    by_normal += (grasp.arm * across[:, 2])[:, None] * cross(grasp.normal, z_moment)
     return -by_point / slope, -by_normal / slope

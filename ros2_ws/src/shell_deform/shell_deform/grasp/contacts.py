@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+AFTER, BEFORE = np.array([1, 2, 0]), np.array([2, 0, 1])
+
 FORCES = 4
 """Of a contact: push, two tangential forces, spin torque over its arm."""
 
@@ -121,6 +123,11 @@ def tangents(normal: Array) -> tuple[Array, Array]:
     return first, second
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Cross product of the last axes; `np.cross` takes several times as long for a few vectors."""
+    return a[..., AFTER] * b[..., BEFORE] - a[..., BEFORE] * b[..., AFTER]
+
+
 def contact_wrenches(grasp: GraspContacts, origin: Array, length: float) -> Array:
     """(6, k, 4) wrench on the object of unit push, tangential forces and spin force.
 
@@ -131,7 +138,7 @@ def contact_wrenches(grasp: GraspContacts, origin: Array, length: float) -> Arra
     offset = (grasp.point - origin) / length
     result = np.zeros((6, grasp.count, FORCES))
     result[:3, :, :3] = directions.transpose(2, 0, 1)
-    result[3:, :, :3] = np.cross(offset[:, None], directions).transpose(2, 0, 1)
+    result[3:, :, :3] = cross(offset[:, None], directions).transpose(2, 0, 1)
     result[3:, :, 3] = (grasp.normal * (grasp.arm / length)[:, None]).T
     return result
 

@@ -22,6 +22,7 @@ from shell_deform.verification import (
     spheres,
     sze,
 )
+from shell_deform.verification.experiments import EXPERIMENTS
 from shell_deform.verification.problem import Verified
 from shell_deform.verification.reference_table import reference_table
 
@@ -60,15 +61,48 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help='instead: every reference value, published or own, its source, and why it is scored '
         'or not; solves nothing',
     )
+    which.add_argument(
+        '--experiments',
+        action='store_true',
+        help='instead: measured tennis balls, table-tennis ball and eggs of other people, '
+        'each with its source and how its modulus is known',
+    )
     parser.add_argument('--plot', type=Path, metavar='FILE', help='with --solid: plot (PNG)')
     parser.add_argument('--all-rows', action='store_true', help='every load, not only the worst')
     parser.add_argument('--json', action='store_true', help='one JSON document on stdout')
     options = parse('shell_deform', parser, arguments)
     if options.plot and not options.solid:
         parser.error('--plot goes with --solid')
+    if options.experiments:
+        return run('shell_verify', lambda: _experiments(options))
     if options.references:
         return run('shell_verify', lambda: _references(options))
     return run('shell_verify', lambda: _solid(options) if options.solid else _verify(options))
+
+
+def _experiments(options: argparse.Namespace) -> None:
+    found = [row for group in tracked(EXPERIMENTS, 'experiments') for row in group()]
+    if options.json:
+        print_json({'experiments': [row.as_dict() for row in found]})
+        return
+    rows = [
+        [
+            row.name,
+            row.quantity,
+            '' if row.measured is None else ' to '.join(f'{m:g}' for m in sorted({*row.measured})),
+            f'{row.ours:.4g}',
+            row.verdict,
+            row.young,
+            row.source,
+            row.remark,
+        ]
+        for row in found
+    ]
+    headings = (
+        *('experiment', 'quantity', 'measured', 'ours', 'verdict', 'modulus'),
+        *('source', 'remark'),
+    )
+    print_table(headings, rows, 'Experiments of other people')
 
 
 def _references(options: argparse.Namespace) -> None:

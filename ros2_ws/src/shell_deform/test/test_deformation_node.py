@@ -292,7 +292,10 @@ def test_a_fast_squeeze_is_served_within_its_own_sigma_and_settles_on_the_offlin
 
     hand.stream(squeeze, settles)
     for message in hand.surfaces:
-        at = (message.header.stamp.sec * 10**9 + message.header.stamp.nanosec) // STEP - 2000
+        at = stamp_of(message) // STEP - 2000
+        if at < 0:
+            # still an answer to the test before
+            continue
         served = live_hand.packed(message)
         error = distance(message, surfaces[min(at, len(depths) - 1)])
         worst = int(np.argmax(error - 3.0 * served[:, 7]))

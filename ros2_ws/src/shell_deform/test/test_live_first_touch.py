@@ -135,6 +135,17 @@ def test_a_finger_that_jumps_elsewhere_under_its_number_is_a_new_contact(model):
     assert served.displacement == pytest.approx(dent, rel=0.1)
 
 
+def test_contacts_whose_equilibrium_is_never_found_stay_answered_by_linear_theory(model):
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='force'))
+    pipeline.solver.tracker.advance = lambda target: 0.0
+    contacts = grip(directions(1)[0], 2.0)
+    first = pipeline.tick(contacts).max_displacement
+    pipeline.refresh()
+    served = pipeline.tick(contacts)
+    assert served.taking_up
+    assert served.max_displacement == pytest.approx(first)
+
+
 def test_points_far_from_the_object_do_no_harm(model):
     pipeline = live_hand.pipeline(model)
     points = np.array([[5.0, 0.0, 0.0], [5.0, 0.0, 0.0]])

@@ -86,8 +86,11 @@ class Adopted:
     def knows(self, sample: ContactSample, pose: Pose) -> NDArray[np.bool_]:
         """(p,) rows of a sample, one per finger, that press one of these contacts.
 
-        A finger that is far from where it was pressed has touched anew, whatever its number.
+        A finger that is far from where it was pressed has touched anew, whatever its number. Where
+        the background found nothing on the way from rest, its columns are those of no equilibrium.
         """
+        if self.share == 0.0 and not self.response.force.any():
+            return np.zeros(len(sample.finger), bool)
         index = np.minimum(np.searchsorted(self.fingers, sample.finger), len(self.fingers) - 1)
         if index.min(initial=0) < 0:
             return np.zeros(len(sample.finger), bool)

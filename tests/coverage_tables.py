@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How often stated uncertainties hold: known truth beside truths that no estimator knows.
 
 Writes docs/coverage.md. Draws hands and scans from seeds that no test and no figure used before;

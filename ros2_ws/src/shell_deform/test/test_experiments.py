@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Experiments of other people: what lies within what was measured, and what does not."""
 
 from shell_deform.objects.shell_object import Gas

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Experiments of other people: what they measured, how E is known, and what comes out here.
 
 Only numbers that were read in the source count as measured. Felt, rate, hysteresis and friction of

@@ -22,7 +22,7 @@ from numba.extending import get_cython_function_address
 
 from shell_deform.compiled.kernel_arrays import floats, integers
 from shell_deform.compiled.kernel_types import Float, Floats, Int, Void, kernel
-from shell_deform.factor.front_types import Call
+from shell_deform.factor.front_types import CALL
 
 NO, TRANSPOSE, LOWER, LEFT, RIGHT = 0, 1, 2, 3, 4
 
@@ -56,7 +56,7 @@ _dtrsv = _routine('scipy.linalg.cython_blas', 'dtrsv', 8)
 _dpotrf = _routine('scipy.linalg.cython_lapack', 'dpotrf', 5)
 
 
-@kernel(Call)
+@kernel(CALL)
 def new_call() -> Any:
     """Room for what BLAS reads by reference: (integers, numbers, letters N T L L R)."""
     letters = np.empty(5, np.uint8)
@@ -69,7 +69,7 @@ def new_call() -> Any:
 
 
 @kernel(
-    Void, Call, Int, Int, Int, Int, Int, Float, Floats, Int, Int, Floats, Int, Int, Float, Floats,
+    Void, CALL, Int, Int, Int, Int, Int, Float, Floats, Int, Int, Floats, Int, Int, Float, Floats,
     Int, Int,
 )  # fmt: skip
 def gemm(
@@ -114,7 +114,7 @@ def gemm(
     )
 
 
-@kernel(Void, Call, Int, Int, Int, Float, Floats, Int, Int, Floats, Int, Int, Float, Floats, Int)
+@kernel(Void, CALL, Int, Int, Int, Float, Floats, Int, Int, Floats, Int, Int, Float, Floats, Int)
 def gemv(
     call: Any,
     transpose: int,
@@ -151,7 +151,7 @@ def gemv(
     )
 
 
-@kernel(Void, Call, Int, Int, Floats, Int, Int, Floats, Int, Int)
+@kernel(Void, CALL, Int, Int, Floats, Int, Int, Floats, Int, Int)
 def subtract_gram(
     call: Any, n: int, k: int, a: Any, a_at: int, a_ld: int, c: Any, c_at: int, c_ld: int
 ) -> None:
@@ -174,7 +174,7 @@ def subtract_gram(
     )
 
 
-@kernel(Void, Call, Int, Int, Int, Floats, Int, Int, Floats, Int, Int)
+@kernel(Void, CALL, Int, Int, Int, Floats, Int, Int, Floats, Int, Int)
 def solve_lower_right(
     call: Any,
     transpose: int,
@@ -207,7 +207,7 @@ def solve_lower_right(
     )
 
 
-@kernel(Void, Call, Int, Int, Floats, Int, Int, Floats, Int)
+@kernel(Void, CALL, Int, Int, Floats, Int, Int, Floats, Int)
 def solve_lower_vector(
     call: Any, transpose: int, n: int, a: Any, a_at: int, a_ld: int, x: Any, x_at: int
 ) -> None:
@@ -227,7 +227,7 @@ def solve_lower_vector(
     )
 
 
-@kernel(Int, Call, Int, Floats, Int, Int)
+@kernel(Int, CALL, Int, Floats, Int, Int)
 def cholesky(call: Any, n: int, a: Any, a_at: int, a_ld: int) -> int:
     """Lower Cholesky factor of A (n, n) in place; 0, or the order of the failing minor."""
     integers, _, letters = call

@@ -25,7 +25,7 @@ from shell_deform.factor.blas import (
     solve_lower_right,
     subtract_gram,
 )
-from shell_deform.factor.front_types import Call, Front
+from shell_deform.factor.front_types import CALL, FRONT
 
 PANEL = 48
 # Largest admissible sum of squares of a row of L below a Cholesky block, for a matrix of norm one:
@@ -37,7 +37,7 @@ SAFE_ROOT_PIVOT = 1e-5
 ROOT_TAIL = 60
 
 
-@kernel(Void, Call, Floats, Int, Int, Int, Int, Floats, Floats)
+@kernel(Void, CALL, Floats, Int, Int, Int, Int, Floats, Floats)
 def _load_column(
     call: Any, front: Any, m: int, at: int, j: int, panel: int, work: Any, column: Any
 ) -> None:
@@ -100,7 +100,7 @@ def _largest(column: Any, low: int, high: int, skip: int, skip_too: int) -> Any:
     return most, where
 
 
-@kernel(Void, Call, Floats, Int, Int, Int, Floats)
+@kernel(Void, CALL, Floats, Int, Int, Int, Floats)
 def _close_panel(call: Any, front: Any, m: int, panel: int, at: int, work: Any) -> None:
     """Subtract L (L D)^T of columns panel:at from the lower triangle of the remainder."""
     if at == panel:
@@ -130,7 +130,7 @@ def _close_panel(call: Any, front: Any, m: int, panel: int, at: int, work: Any) 
         c += width
 
 
-@kernel(Int, Call, Floats, Int, Int, Ints, Floats, Floats, Float, Float)
+@kernel(Int, CALL, Floats, Int, Int, Ints, Floats, Floats, Float, Float)
 def eliminate(
     call: Any,
     front: Any,
@@ -138,7 +138,7 @@ def eliminate(
     k: int,
     ids: Any,
     diagonal: Any,
-    beside: Any,
+    off_diagonal: Any,
     threshold: float,
     weak: float,
 ) -> int:
@@ -146,7 +146,8 @@ def eliminate(
 
     `front` (m * m,) holds the lower triangle column by column; on return its first columns are L
     (unit diagonal) and its remainder the Schur complement. `ids` (m,) follows the exchanges;
-    `diagonal`, `beside` (k,) receive D, beside[j] != 0 marking a two-by-two pivot at j, j + 1.
+    `diagonal`, `off_diagonal` (k,) receive D, where off_diagonal[j] != 0 marks a two-by-two pivot
+    at j, j + 1.
     Pivots not larger than `weak` are never taken. At a root (k == m) the largest pivots of the
     last columns come first: what is left over then holds a rigid body at well separated points
     and stands clear of rounding.
@@ -213,7 +214,7 @@ def eliminate(
         filled = (at - panel) * m
         if size == 1:
             d = first[at]
-            diagonal[at], beside[at] = d, 0.0
+            diagonal[at], off_diagonal[at] = d, 0.0
             front[at * m + at] = 1.0
             for i in range(at + 1, m):
                 work[filled + i] = first[i]
@@ -225,7 +226,7 @@ def eliminate(
             second[at + 1], second[t] = second[t], second[at + 1]
             a, b, c = first[at], first[at + 1], second[at + 1]
             determinant = a * c - b * b
-            diagonal[at], beside[at], diagonal[at + 1], beside[at + 1] = a, b, c, 0.0
+            diagonal[at], off_diagonal[at], diagonal[at + 1], off_diagonal[at + 1] = a, b, c, 0.0
             front[at * m + at] = 1.0
             front[at * m + at + 1] = 0.0
             front[(at + 1) * m + at + 1] = 1.0
@@ -241,7 +242,7 @@ def eliminate(
     return at
 
 
-@kernel(Bool, Call, Front, Float)
+@kernel(Bool, CALL, FRONT, Float)
 def eliminate_definite(call: Any, front: Any, weak: float) -> bool:
     """Cholesky of a front in place; False when a pivot is not above `weak` or L grows.
 

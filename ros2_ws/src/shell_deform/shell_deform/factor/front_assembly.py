@@ -25,7 +25,7 @@ from shell_deform.compiled.kernel_types import (
     Void,
     kernel,
 )
-from shell_deform.factor.front_types import Front, Matrix, Tree, Waiting
+from shell_deform.factor.front_types import FRONT, MATRIX, TREE, WAITING
 
 
 @kernel(types.UniTuple(Int, 2), Int, Int, Bool)
@@ -85,14 +85,14 @@ def _add(target: Any, target_at: int, source: Any, source_at: int, count: int) -
         into[i] += out[i]
 
 
-@kernel(Void, Matrix, Int, Int, Int, Front)
+@kernel(Void, MATRIX, Int, Int, Int, FRONT)
 def _add_entries(matrix: Any, low: int, high: int, shift: int, front: Any) -> None:
     """Add the matrix entries of the vertices at positions low:high to the columns of their front.
 
     Rows behind the owned ones lie `shift` lower.
     """
     data, indptr, neighbours, targets, order, scale, block, interleaved = matrix
-    panel, panel_at, m, _, _, _, _ = front
+    panel, panel_at, m = front.panel, front.panel_at, front.m
     own = high - low
     for c in range(own):
         v = order[low + c]
@@ -114,7 +114,7 @@ def _add_entries(matrix: Any, low: int, high: int, shift: int, front: Any) -> No
                 panel[column + c * block + a] = 1.0
 
 
-@kernel(Void, Floats, Int, Int, IntRows, Int, Int, Int, Front)
+@kernel(Void, Floats, Int, Int, IntRows, Int, Int, Int, FRONT)
 def _add_child(
     stack: Any, child_at: int, size: int, runs: Any, block: int, own: int, shift: int, front: Any
 ) -> None:
@@ -148,7 +148,7 @@ def _add_child(
                     )
 
 
-@kernel(Void, Floats, Int, Int, Longs, Front)
+@kernel(Void, Floats, Int, Int, Longs, FRONT)
 def _add_child_with_delays(stack: Any, child_at: int, size: int, rows: Any, front: Any) -> None:
     """Add a child's Schur complement whose row i lands in row rows[i] of the parent."""
     panel, panel_at, m, k, rest, rest_at, rest_ld = front
@@ -162,13 +162,14 @@ def _add_child_with_delays(stack: Any, child_at: int, size: int, rows: Any, fron
                 rest[rest_at + (c - k) * rest_ld - k + r] += value
 
 
-@kernel(Void, Int, Matrix, Tree, Waiting, Int, Front)
+@kernel(Void, Int, MATRIX, TREE, WAITING, Int, FRONT)
 def assemble(f: int, matrix: Any, tree: Any, waiting: Any, shift: int, front: Any) -> None:
     """Fill front f, in which `shift` columns of its children were delayed."""
-    owned, _, _, _, _, run_offsets, runs, first_child, next_child = tree
+    owned, run_offsets, runs = tree.owned, tree.run_offsets, tree.runs
+    first_child, next_child = tree.first_child, tree.next_child
     stack, rest_sizes, rest_places, delays = waiting
     panel, panel_at, m, k, rest, rest_at, rest_ld = front
-    block = matrix[6]
+    block = matrix.block
     panel[panel_at : panel_at + m * k] = 0.0
     for c in range(m - k):
         rest[rest_at + c * rest_ld + c : rest_at + c * rest_ld + m - k] = 0.0

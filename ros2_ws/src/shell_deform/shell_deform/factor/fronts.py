@@ -26,7 +26,18 @@ from shell_deform.compiled.kernel_types import Float, Floats, Int, Ints, Void, k
 from shell_deform.factor.blas import new_call
 from shell_deform.factor.elimination import eliminate, eliminate_definite
 from shell_deform.factor.front_assembly import assemble
-from shell_deform.factor.front_types import Lower, Matrix, Pivots, Tree, Weak
+from shell_deform.factor.front_types import (
+    LOWER,
+    MATRIX,
+    PIVOTS,
+    TREE,
+    WEAK,
+    Front,
+    Lower,
+    Pivots,
+    Waiting,
+    Weak,
+)
 
 
 @kernel(Void, Floats, Int, Floats, Int, Int)
@@ -61,7 +72,7 @@ def _integer_room(array: Any, used: int, needed: int) -> Any:
 
 
 @kernel(
-    types.Tuple((Lower, Pivots, Weak, Floats)), Matrix, Tree, Floats, Ints, Floats, Float, Float,
+    types.Tuple((LOWER, PIVOTS, WEAK, Floats)), MATRIX, TREE, Floats, Ints, Floats, Float, Float,
     called_from_python=True,
 )  # fmt: skip
 def factorise_fronts(
@@ -72,8 +83,10 @@ def factorise_fronts(
     Returns L, D and the weak part (`Lower`, `Pivots`, `Weak` in `front_types`), and the
     stack for reuse.
     """
-    order, block = matrix[4], matrix[6]
-    owned, row_offsets, rows, parent, parity, _, _, first_child, next_child = tree
+    order, block = matrix.order, matrix.block
+    owned, row_offsets, rows = tree.owned, tree.row_offsets, tree.rows
+    parent, parity = tree.parent, tree.parity
+    first_child, next_child = tree.first_child, tree.next_child
     fronts = len(parent)
     call = new_call()
     value_offsets = longs(fronts + 1, 0)
@@ -84,7 +97,7 @@ def factorise_fronts(
     rest_sizes = longs(fronts, 0)
     rest_places = longs(fronts, 0)
     unknowns = len(order) * block
-    diagonal, beside = floats(unknowns, 1.0), floats(unknowns, 0.0)
+    diagonal, off_diagonal = floats(unknowns, 1.0), floats(unknowns, 0.0)
     weak_ids = integers(0, 0)
     weak_values = floats(0, 0.0)
     weak_sizes = longs(fronts, 0)
@@ -139,16 +152,17 @@ def factorise_fronts(
         rest_at = bottom if parity[f] == 0 else top - border * border
         taken = 0
         if shift == 0:
-            waiting = (stack, rest_sizes, rest_places, delays)
-            front = (values, at, m, k, stack, rest_at, border)
+            waiting = Waiting(stack, rest_sizes, rest_places, delays)
+            front = Front(values, at, m, k, stack, rest_at, border)
             assemble(f, matrix, tree, waiting, shift, front)
             if eliminate_definite(call, front, weak):
                 taken = k
                 definite[f] = True
         if not definite[f]:
             square = _room(square, 0, m * m)
-            waiting = (stack, rest_sizes, rest_places, delays)
-            assemble(f, matrix, tree, waiting, shift, (square, 0, m, k, square, k * m + k, m))
+            waiting = Waiting(stack, rest_sizes, rest_places, delays)
+            whole = Front(square, 0, m, k, square, k * m + k, m)
+            assemble(f, matrix, tree, waiting, shift, whole)
             taken = eliminate(
                 call,
                 square,
@@ -156,7 +170,7 @@ def factorise_fronts(
                 k,
                 ids[first_id : first_id + m],
                 diagonal[done : done + k],
-                beside[done : done + k],
+                off_diagonal[done : done + k],
                 threshold,
                 weak,
             )
@@ -196,18 +210,18 @@ def factorise_fronts(
                 weak_count += border
                 weak_entries += border * border
     return (
-        (values, value_offsets, ids, id_offsets, pivots),
-        (definite, diagonal, beside),
-        (weak_ids[:weak_count], weak_values[:weak_entries], weak_sizes[:weak_blocks]),
+        Lower(values, value_offsets, ids, id_offsets, pivots),
+        Pivots(definite, diagonal, off_diagonal),
+        Weak(weak_ids[:weak_count], weak_values[:weak_entries], weak_sizes[:weak_blocks]),
         stack,
     )
 
 
-@kernel(types.UniTuple(Int, 2), Lower, Pivots, called_from_python=True)
+@kernel(types.UniTuple(Int, 2), LOWER, PIVOTS, called_from_python=True)
 def count_signs(lower: Any, factor_pivots: Any) -> Any:
     """Positive and negative eigenvalues of D."""
-    pivots = lower[4]
-    definite, diagonal, beside = factor_pivots
+    pivots = lower.pivots
+    definite, diagonal, off_diagonal = factor_pivots
     positive, negative, at = 0, 0, 0
     for f in range(len(pivots)):
         if definite[f]:
@@ -215,8 +229,8 @@ def count_signs(lower: Any, factor_pivots: Any) -> Any:
         else:
             j = at
             while j < at + pivots[f]:
-                if beside[j] != 0.0:
-                    determinant = diagonal[j] * diagonal[j + 1] - beside[j] * beside[j]
+                if off_diagonal[j] != 0.0:
+                    determinant = diagonal[j] * diagonal[j + 1] - off_diagonal[j] * off_diagonal[j]
                     if determinant < 0.0:
                         positive += 1
                         negative += 1

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from shell_deform.factor.base import Factor, FactorError, Inertia, SymbolicFactor
 from shell_deform.factor.front_assembly import equilibrate
+from shell_deform.factor.front_types import Matrix
 from shell_deform.factor.fronts import count_signs, factorise_fronts
 from shell_deform.factor.substitution import backward, forward
 from shell_deform.factor.symbolic import Fronts
@@ -48,7 +49,7 @@ class MultifrontalFactor(Factor):
         order, targets = fronts.order, fronts.targets
         with one_blas_thread():
             self._lower, self._pivots, weak, self._stack = factorise_fronts(
-                (data, indptr, indices, targets, order, scale, block, interleaved),
+                Matrix(data, indptr, indices, targets, order, scale, block, interleaved),
                 fronts.tree,
                 *_take_storage(symbolic),
                 PIVOT_THRESHOLD,
@@ -59,10 +60,10 @@ class MultifrontalFactor(Factor):
         positive, negative = count_signs(self._lower, self._pivots)
         held = self.size - int(np.count_nonzero(free))
         self.strong = Inertia(positive - held, negative, 0)
-        self.definite = bool(np.all(self._pivots[0]))
-        self._weak_rows = weak[0]
+        self.definite = bool(np.all(self._pivots.definite))
+        self._weak_rows = weak.ids
         if len(self._weak_rows):
-            self._find_weak_modes(weak[1], weak[2])
+            self._find_weak_modes(weak.values, weak.sizes)
 
     def _find_weak_modes(self, values: NDArray[np.float64], sizes: NDArray[np.int64]) -> None:
         """Modes and matrix of the columns that stayed without a pivot; `values` root by root."""
@@ -90,7 +91,7 @@ class MultifrontalFactor(Factor):
 
     def __del__(self) -> None:
         if getattr(self, '_stack', None) is not None and len(self._spare) < 2:
-            self._spare.append((self._lower[0], self._lower[2], self._stack))
+            self._spare.append((self._lower.values, self._lower.ids, self._stack))
 
     def partial_solve(
         self, rhs: NDArray[np.float64]

@@ -20,14 +20,14 @@ from shell_deform.factor.blas import (
     solve_lower_right,
     solve_lower_vector,
 )
-from shell_deform.factor.front_types import Lower, Pivots
+from shell_deform.factor.front_types import LOWER, PIVOTS
 
 
-@kernel(Void, Lower, Pivots, FloatRows, called_from_python=True)
+@kernel(Void, LOWER, PIVOTS, FloatRows, called_from_python=True)
 def forward(lower: Any, factor_pivots: Any, x: Any) -> None:
     """x (n, r) = D^-1 L^-1 x; weak rows hold L^-1 x."""
     values, value_offsets, ids, id_offsets, pivots = lower
-    definite, diagonal, beside = factor_pivots
+    definite, diagonal, off_diagonal = factor_pivots
     call = new_call()
     columns = x.shape[1]
     largest = 0
@@ -81,7 +81,7 @@ def forward(lower: Any, factor_pivots: Any, x: Any) -> None:
         else:
             i = 0
             while i < k:
-                a, b = diagonal[done + i], beside[done + i]
+                a, b = diagonal[done + i], off_diagonal[done + i]
                 if b != 0.0:
                     d = diagonal[done + i + 1]
                     determinant = a * d - b * b
@@ -97,7 +97,7 @@ def forward(lower: Any, factor_pivots: Any, x: Any) -> None:
         done += k
 
 
-@kernel(Void, Lower, FloatRows, called_from_python=True)
+@kernel(Void, LOWER, FloatRows, called_from_python=True)
 def backward(lower: Any, x: Any) -> None:
     """x (n, r) = L^-T x; weak rows are kept."""
     values, value_offsets, ids, id_offsets, pivots = lower

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from shell_deform.compiled.kernel_arrays import integer_rows, integers, longs, small_integers
 from shell_deform.compiled.kernel_types import Bytes, Int, IntRows, Ints, Longs, Void, kernel
 from shell_deform.factor.forest import elimination_forest, merge_fronts, renumber
+from shell_deform.factor.front_types import Tree
 
 
 @dataclass(frozen=True)
@@ -48,19 +49,9 @@ class Fronts:
     next_child: NDArray[np.int32]
 
     @property
-    def tree(self) -> tuple[NDArray[Any], ...]:
-        """What the numeric kernels read (`Tree` in `front_types`)."""
-        return (
-            self.owned,
-            self.row_offsets,
-            self.rows,
-            self.parent,
-            self.parity,
-            self.run_offsets,
-            self.runs,
-            self.first_child,
-            self.next_child,
-        )
+    def tree(self) -> Tree:
+        """What the numeric kernels read."""
+        return Tree(*(getattr(self, name) for name in Tree._fields))
 
     @property
     def count(self) -> int:

@@ -8,6 +8,7 @@ import pytest
 
 from shell_deform.contact.contact_field import contact_field
 from shell_deform.contact.outer_face import outer_face
+from shell_deform.contact.taxels import cell_forces
 from shell_deform.objects import ObjectError, load_object
 from shell_deform.solve.equilibrium import LoadCaseError, displaced
 from shell_deform.solve.newton import EquilibriumSolver
@@ -156,3 +157,25 @@ def test_friction_that_cannot_be_is_refused_with_its_line(kind, friction, says, 
     file.write_text(TEXT + row)
     with pytest.raises(ObjectError, match=says):
         load_object(file)
+
+
+def test_touch_cells_together_feel_the_force_of_the_contact_in_its_own_frame(held):
+    state = pulled(held, 0.5)[0]
+    grid = 5e-4 * np.arange(-12, 13)
+    centres = np.array([[x, y, 0.0] for x in grid for y in grid])
+    for touch in state.touches:
+        cells = cell_forces(touch, centres)
+        np.testing.assert_allclose(
+            touch.pose.turn @ cells.sum(axis=0), -touch.force, atol=1e-12 * abs(touch.force[2])
+        )
+        # What is felt is pressure, into the body, on several cells around the middle.
+        felt = np.linalg.norm(cells, axis=1) > 0.0
+        assert felt.sum() >= 4
+        assert np.all(cells[felt, 2] < 0.0)
+        assert np.all(np.linalg.norm(centres[felt], axis=1) < 5e-3)
+
+
+def test_cells_of_a_body_that_touches_nothing_feel_nothing(held):
+    model, contacts, solver, _ = held
+    state = solver.solve(displaced(contacts, [-1e-4, -1e-4]))
+    assert not cell_forces(state.touches[0], np.zeros((4, 3))).any()

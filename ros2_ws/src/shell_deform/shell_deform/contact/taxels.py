@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the cells of a touch array feel of a contact: forces, never pressures at points.
 
 A thin shell carries a flat finger on a ring so narrow that its pressure has no limit as meshes

@@ -50,9 +50,12 @@ POINTS_ACROSS = 1
 
 MOST_SPLITS = 5
 
-EXTRA_COMPLIANCE = 1e-5
-"""Compliance of a pin's face over that of the wall, h / E: it keeps a wall that cannot be squeezed
-regular and moves the pin by that share of its mean pressure."""
+EXTRA_COMPLIANCE = 1e-2
+"""Compliance of a pin's face over that of the wall, h / E. A nearly incompressible wall cannot be
+squeezed in this theory, where a solid still gives way around the pin: its pressures would be as
+stiff as its bulk modulus, and Newton's method find them only in the smallest steps. It moves a pin
+by this share of h P / E: force and travel of the mission's ball by 0.7 % at 0.25 mm, 0.3 % from
+3.6 mm on."""
 
 
 class WallError(ValueError):

@@ -348,6 +348,7 @@ class ThickShell(Discretisation):
 
     def point_states(self, positions: Array, points: Index) -> Array | None:
         """(c, 17) of the points (c,), see `thick_kernels.point_states`; None where one fails."""
+        self._refuse_others(positions)
         out = np.zeros((len(points), 17))
         element = np.searchsorted(self.point_offsets, points, side='right') - 1
         arguments: Any = (
@@ -356,11 +357,19 @@ class ThickShell(Discretisation):
         )  # fmt: skip
         return out if thick_kernels.point_states(*arguments) else None
 
+    def _refuse_others(self, positions: Array) -> None:
+        """Raise ValueError for unknowns that are not this shell's: kernels would read beyond."""
+        if positions.shape != self.start.shape:
+            raise ValueError(
+                f'{positions.shape} unknowns for a thick shell that has {self.start.shape}'
+            )
+
     def _kernel(
         self, stiff: bool, first: int, last: int, positions: Array, pressure: float,
         gradient: Array, data: Array,
     ) -> float:  # fmt: skip
         pattern = self.pattern
+        self._refuse_others(positions)
         elements, points, stamps, material = self._arguments
         offsets, nodes, controls, shears, point_offsets, row_offsets = elements
         part = (

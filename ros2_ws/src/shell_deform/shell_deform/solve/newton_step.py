@@ -221,8 +221,8 @@ class StepSolver:
         self, borders: Borders, loads: StepLoads, start: Equilibrium, guess: Array | None
     ) -> Iterate:
         """Where the iteration begins."""
-        positions = start.positions if guess is None else guess
-        moved = (positions - self.model.rest).reshape(-1)
+        positions = start.unknowns if guess is None else guess
+        moved = (positions - self.model.start).reshape(-1)
         press = None
         if borders.pads is not None:
             depth = borders.pads.start(loads.moved, start.displacement)
@@ -278,7 +278,10 @@ class StepSolver:
     ) -> Iterate:
         """The iterate after a correction, with the gradient there."""
         moved = now.moved + found.step
-        positions = self.model.rest + moved.reshape(-1, 3)
+        positions = self.model.start + moved.reshape(-1, 3)
+        settled = self.model.shell.settled(positions)
+        if settled is not positions:
+            positions, moved = settled, (settled - self.model.start).reshape(-1)
         energy, gradient = self.model.gradient(positions, loads.target, moved.reshape(-1, 3))
         press = now.press
         if borders.pads is not None and press is not None and linearised_press is not None:
@@ -326,7 +329,8 @@ class StepSolver:
         state = Equilibrium(
             converged=not singular,
             message='the linear system is singular' if singular else '',
-            positions=now.positions,
+            positions=now.positions[: len(self.model.rest)],
+            wall=now.positions[len(self.model.rest) :],
             force=found.pushes,
             displacement=borders.measure.T @ now.moved,
             multipliers=found.multipliers,
@@ -336,7 +340,7 @@ class StepSolver:
             residual=judged.residual,
             iterations=0,
             factorisations=0,
-            dead_load=loads.dead,
+            dead_load=loads.dead[: 3 * len(self.model.rest)],
             support_target=loads.target,
         )
         if borders.pads is None or now.press is None:

@@ -21,6 +21,7 @@ from shell_deform.verification import (
     solid,
     spheres,
     sze,
+    thick_balls,
 )
 from shell_deform.verification.experiments import EXPERIMENTS
 from shell_deform.verification.problem import Verified
@@ -36,6 +37,7 @@ GROUPS: dict[str, Problems] = {
     'spheres': spheres.problems,
     'plates': plates.problems,
     'friction': friction.problems,
+    'thick': thick_balls.problems,
 }
 
 

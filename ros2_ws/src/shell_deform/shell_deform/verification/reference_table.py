@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from shell_deform.verification import plates, snap, spheres, sze
+from shell_deform.verification import plates, snap, spheres, sze, thick_balls
 from shell_deform.verification.problem import references
 
 OWN_CODE = 'verification/axisymmetric.py gives it to 2e-5'
@@ -134,6 +134,17 @@ def _formulas() -> Iterator[Reference]:
         )  # fmt: skip
 
 
+def _solids() -> Iterator[Reference]:
+    solids = thick_balls.kept_solids()
+    for ball in solids['balls']:
+        name = f'thick ball, R/h {ball["radius_over_thickness"]:g}'
+        for level in ball['levels']:
+            yield Reference(
+                name, f'force at {1e3 * level["travel_m"]:.2f} mm [N]', level['force_n'], 'own',
+                solids['source'], None, SCORED + ': goals in the rows of shell_verify',
+            )  # fmt: skip
+
+
 def reference_table() -> list[Reference]:
     """All of them, without solving anything."""
-    return [*_course(), *_sze(), *_snap(), *_spheres(), *_formulas()]
+    return [*_course(), *_sze(), *_snap(), *_spheres(), *_formulas(), *_solids()]

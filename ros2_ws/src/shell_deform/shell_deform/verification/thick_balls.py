@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Theory `thick` beside a solid: forces and outer faces of balls under two rigid pins.
+
+The solid's own modulus and Poisson's ratio are given to the shell and nothing is fitted. Both are
+driven to the same travel of the pins; faces are compared along the normal, beyond the pins.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
+
+from shell_deform.building import build_model, object_contacts
+from shell_deform.model import ShellModel
+from shell_deform.solve.equilibrium import displaced
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.theory import THICK
+from shell_deform.verification.problem import Verified, stopwatch
+from shell_deform.verification.spheres import pinched_sphere
+
+Array = NDArray[np.float64]
+
+FACE_GOAL = 0.05e-3
+"""95th percentile of the distance of the outer faces at R/h 12.5 [m]; at R/h 6 twice that."""
+
+SMALL_TRAVEL = 0.5e-3
+"""Below it a stamp's edge field, which no shell has, is a larger share of the force [m]."""
+
+FORCE_GOALS = {12.5: (0.036, 0.021), 6.0: (0.077, 0.077)}
+"""Relative error of the force at small travel and above, by R/h: limits of the theory itself."""
+
+
+@cache
+def kept_solids() -> dict[str, Any]:
+    """The kept solid solutions: `source`, and `balls` with travel, force and outer face, SI."""
+    text = resources.files(__package__).joinpath('solid_faces.json').read_text()
+    found: dict[str, Any] = json.loads(text)
+    return found
+
+
+def problems(control_vertices: int = 650) -> Iterator[Verified]:
+    """Force and face at every kept travel of every ball."""
+    for ball in kept_solids()['balls']:
+        yield from _ball(ball, control_vertices)
+
+
+def _ball(ball: dict[str, Any], control_vertices: int) -> Iterator[Verified]:
+    ratio, source = ball['radius_over_thickness'], kept_solids()['source']
+    name = f'thick_ball_rh_{ratio:g}_pin_{1e3 * ball["pin_radius_m"]:g}mm'
+    sphere = pinched_sphere(
+        ball['middle_radius_m'], ball['thickness_m'], ball['young_modulus_pa'],
+        ball['poisson_ratio'], ball['pin_radius_m'], control_vertices,
+    )  # fmt: skip
+    model = build_model(sphere, THICK)
+    pins = object_contacts(sphere, model)
+    solver = EquilibriumSolver(model)
+    state = solver.rest()
+    small, large = FORCE_GOALS[ratio]
+    face_goal = FACE_GOAL if ratio == 12.5 else 2.0 * FACE_GOAL
+    for level in ball['levels']:
+        travel = level['travel_m']
+        with stopwatch() as watch:
+            state = solver.solve(displaced(pins, [travel] * len(pins)), state)
+        at = f'at {1e3 * travel:.2f} mm'
+        force = float(state.force.mean()) if state.converged else np.nan
+        yield Verified(
+            name, f'force {at} [N]', level['force_n'], source, force, len(model.rest),
+            watch.seconds, small if travel < SMALL_TRAVEL else large,
+        )  # fmt: skip
+        distance = face_distance(solver.model, state.unknowns, ball, level)
+        yield Verified(
+            name, f'outer face {at}, 95th percentile [m]', 0.0, source,
+            float(np.quantile(distance, 0.95)), len(model.rest), watch.seconds, face_goal,
+        )  # fmt: skip
+
+
+def face_distance(
+    model: ShellModel, unknowns: Array, ball: dict[str, Any], level: dict[str, Any]
+) -> Array:
+    """(v,) distance [m] of the shell's outer face from the solid's, beyond the pins.
+
+    The meridian of the solid is a spline through its kept nodes; pins lie on the ball's axis.
+    """
+    axis = model.shell.stamps[0].axis  # type: ignore[attr-defined]  # a thick shell has them
+    rest, now = model.shell.outer_face(model.start), model.shell.outer_face(unknowns)
+    height, radius = np.abs(now @ axis), np.linalg.norm(now - np.outer(now @ axis, axis), axis=1)
+    arc = np.array(ball['arc_m'])
+    fine = np.linspace(0.0, arc[-1], 6000)
+    meridian = CubicSpline(arc, np.array(level['face_m']))(fine)
+    off_axis = np.linalg.norm(rest - np.outer(rest @ axis, axis), axis=1)
+    beyond = off_axis > 1.02 * ball['pin_radius_m']
+    distance, _ = cKDTree(meridian).query(np.column_stack([radius, height])[beyond])
+    return np.asarray(distance)

@@ -147,6 +147,8 @@ def test_colcon_test_finds_the_executables_of_the_built_workspace(install, packa
     asked += ['--packages-select', package, '--return-code-on-test-failure']
     chosen = 'test_view_start' if package == 'grasp_view' else 'command_line or main_node'
     tested = colcon(*asked, '--pytest-args', '-k', chosen, '-p', 'no:cacheprovider')
-    result = colcon('test-result', '--test-result-base', base / 'build' / package, '--verbose')
+    logged = ('--log-base', base / 'log')
+    built = base / 'build' / package
+    result = colcon(*logged, 'test-result', '--test-result-base', built, '--verbose')
     assert tested.returncode == 0, tested.stdout + tested.stderr + result.stdout
     assert ' 0 errors, 0 failures' in result.stdout and ' 0 tests' not in result.stdout

@@ -269,7 +269,7 @@ def _contact(entry: Entry, surface: Surface) -> Contact:
         curvature = found['curvature_radius_m'].number(minimum=radius, maximum=1e6)
     friction = 0.0
     if 'friction' in found:
-        if kind == 'pin':
-            raise found['friction'].error('friction needs kind: pad, not pin')
         friction = found['friction'].number(minimum=0.0, maximum=10.0)
+        if friction > 0.0 and kind != 'pad':
+            raise found['friction'].error('friction needs kind: pad, not pin')
     return Contact((x, y, z), radius, kind, curvature, friction)

@@ -271,7 +271,7 @@ def test_topics_that_the_bag_lacks_are_refused_with_those_it_has(
 ) -> None:
     replay = start('replay', write_wrenches(tmp_path / 'bag', 5), '--topics', '/v')
     assert replay.process.wait(30) == 1
-    assert replay.text.endswith('has none of the topics chosen, but /w\n')
+    assert replay.text.endswith('has none of the topics chosen; it has /w\n')
 
 
 def test_a_missing_bag_is_one_sentence(start: Any, tmp_path: Path) -> None:

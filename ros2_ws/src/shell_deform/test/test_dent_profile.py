@@ -178,7 +178,7 @@ def test_the_command_tells_modulus_and_thickness_apart(squeeze, coarse, capsys):
     ('name', 'content', 'message'),
     [
         ('nowhere.ply', None, 'there is no such file'),
-        ('scan.ply', 'ply\nnonsense', 'cannot be read as a mesh or point cloud'),
+        ('scan.ply', 'ply\nnonsense', 'PLY header without'),
         ('scan.xyz', '0 0 0\n1 nan 0\n', 'vertex 1 is not finite'),
         ('scan.xyz', '0 0 0\n0 0.1 0\n', 'register it to the frame'),
     ],

@@ -226,7 +226,10 @@ def test_the_compiled_search_and_the_plain_one_agree(make, monkeypatch):
     compiled = surface.closest_point(mesh.vertices, queries, 0.02)
     monkeypatch.setattr('shell_deform.surface.closest_point.HAVE_NUMBA', False)
     plain = surface.closest_point(mesh.vertices, queries, 0.02)
-    np.testing.assert_allclose(np.abs(compiled.distance), np.abs(plain.distance), atol=1e-7)
+    # The feet agree; a foot on a crease has two normals, and either search may take either.
+    feet = [found.position - 0.02 * found.normal for found in (compiled, plain)]
+    far = [np.linalg.norm(foot - queries, axis=1) for foot in feet]
+    np.testing.assert_allclose(far[0], far[1], atol=1e-7)
     # Where two feet are equally near, either is right.
     same = np.linalg.norm(compiled.position - plain.position, axis=1) < 1e-6
     assert same.mean() > 0.99

@@ -181,8 +181,7 @@ def von_mises(stress: Array) -> Array:
 
 def wall_ratio(model: ShellModel) -> float:
     """Thickness over the smaller radius of curvature of the undeformed shell."""
-    b_11, b_12, b_22 = model.shell.reference.curvature.T
-    mean, gauss = 0.5 * (b_11 + b_22), b_11 * b_22 - b_12**2
+    mean, gauss = model.shell.reference.mean_and_gauss
     return thickness_over_radius(mean, gauss, model.shell.thickness)
 
 

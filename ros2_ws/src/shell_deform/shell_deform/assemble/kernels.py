@@ -229,6 +229,27 @@ def mirror(block_rows: Any, row_length: Any, indices: Any, data: Any) -> None:
                 at[w] += 3
 
 
+@kernel(Void, Longs, FloatRows, Int, Longs, Longs, Floats)
+def scatter_blocks(
+    own: Any, stiffness: Any, start: int, block_start: Any, row_length: Any, data: Any
+) -> None:
+    """Add an element's blocks on and above the diagonal to the CSR values."""
+    size = len(own)
+    for k in range(size):
+        for m in range(k, size):
+            source = stiffness[k, 9 * m : 9 * m + 9]
+            if own[k] <= own[m]:
+                at, length = block_start[start + k * size + m], row_length[own[k]]
+                for i in range(3):
+                    for j in range(3):
+                        data[at + i * length + j] += source[3 * i + j]
+            else:
+                at, length = block_start[start + m * size + k], row_length[own[m]]
+                for i in range(3):
+                    for j in range(3):
+                        data[at + i * length + j] += source[3 * j + i]
+
+
 @kernel(
     Float, Int, Float, *POINTS, Floats, *WALL, FixedFloatRows, FloatRows, Longs, Longs, Ints,
     Longs, Ints, Floats,
@@ -298,20 +319,7 @@ def shell_tangent(
                 add_gas_response(-pressure * weight / 3.0, row, value, x, q, response)
             for k in range(size):
                 add_rows(row[k], value[k], response, 9 * k, 9 * size, stiffness[k])
-        start = block_offsets[element]
-        for k in range(size):
-            for m in range(k, size):
-                source = stiffness[k, 9 * m : 9 * m + 9]
-                if own[k] <= own[m]:
-                    at, length = block_start[start + k * size + m], row_length[own[k]]
-                    for i in range(3):
-                        for j in range(3):
-                            data[at + i * length + j] += source[3 * i + j]
-                else:
-                    at, length = block_start[start + m * size + k], row_length[own[m]]
-                    for i in range(3):
-                        for j in range(3):
-                            data[at + i * length + j] += source[3 * j + i]
+        scatter_blocks(own, stiffness, block_offsets[element], block_start, row_length, data)
     mirror(block_rows, row_length, indices, data)
     return total
 

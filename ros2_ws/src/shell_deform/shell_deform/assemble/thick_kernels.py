@@ -22,6 +22,7 @@ from shell_deform.assemble.kernels import (
     gather_place,
     mirror,
     respond,
+    scatter_blocks,
     scatter_force,
 )
 from shell_deform.compiled.kernel_arrays import float_rows, floats
@@ -307,27 +308,6 @@ def _add_reach_stiffness(spread: Any, nodes: int, factor: float, stiffness: Any)
             for m in range(k, nodes):
                 for j in range(3):
                     out[9 * m + 3 * i + j] += f * spread[3 * m + j]
-
-
-@kernel(Void, Longs, FloatRows, Int, Longs, Longs, Floats)
-def scatter_blocks(
-    own: Any, stiffness: Any, start: int, block_start: Any, row_length: Any, data: Any
-) -> None:
-    """Add an element's blocks on and above the diagonal to the CSR values."""
-    size = len(own)
-    for k in range(size):
-        for m in range(k, size):
-            source = stiffness[k, 9 * m : 9 * m + 9]
-            if own[k] <= own[m]:
-                at, length = block_start[start + k * size + m], row_length[own[k]]
-                for i in range(3):
-                    for j in range(3):
-                        data[at + i * length + j] += source[3 * i + j]
-            else:
-                at, length = block_start[start + m * size + k], row_length[own[m]]
-                for i in range(3):
-                    for j in range(3):
-                        data[at + i * length + j] += source[3 * j + i]
 
 
 @kernel(

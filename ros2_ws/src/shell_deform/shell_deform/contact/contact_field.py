@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.contact.bodies import Body, Distance, Pose
+from shell_deform.contact.depth_of_force import depth_of_force
 from shell_deform.contact.outer_face import FacePoints, OuterFace
 
 Array = NDArray[np.float64]
@@ -29,8 +30,6 @@ Flags = NDArray[np.bool_]
 # Stiffness of the contact over that of the wall around one control point: across the face, and
 # along it, where the wall is stiff by its membrane.
 PRESS_STIFFNESS, SLIP_STIFFNESS = 10.0, 30.0
-# The depth of a forced body is found to this share of its force.
-FORCE_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -296,10 +295,7 @@ class ContactField:
         return replace(memory, anchor=anchor)
 
     def _depth(self, k: int, places: Array, start: float, force: float, motion: Array) -> float:
-        """Depth [m] at which body k pushes with `force` [N] on a surface that does not yield.
-
-        The push grows with the depth: Newton's method, kept between bounds by bisection.
-        """
+        """Depth [m] at which body k pushes with `force` [N] on a surface that does not yield."""
         body, weights = self.bodies[k], self.face.weights
 
         def excess(depth: float) -> tuple[float, float]:
@@ -310,27 +306,7 @@ class ContactField:
             rate = np.where(pressure > 0.0, self.stiffness * slope**2 - pressure * bend, 0.0)
             return float(weights @ (pressure * slope)) - force, float(weights @ rate)
 
-        reach = float(np.ptp(places, axis=0).max())
-        low = high = start
-        step = 1e-3 * reach
-        while excess(low)[0] > 0.0 and low > start - 4.0 * reach:
-            low -= step
-            step *= 2.0
-        step = 1e-3 * reach
-        while excess(high)[0] < 0.0 and high < start + 4.0 * reach:
-            high += step
-            step *= 2.0
-        depth = start
-        for _ in range(100):
-            missing, rate = excess(depth)
-            if abs(missing) <= FORCE_TOLERANCE * abs(force):
-                break
-            low, high = (depth, high) if missing < 0.0 else (low, depth)
-            trial = depth - missing / rate if rate > 0.0 else low
-            depth = trial if low < trial < high else 0.5 * (low + high)
-            if high - low <= 1e-15 * reach:
-                break
-        return depth
+        return depth_of_force(excess, start, force, float(np.ptp(places, axis=0).max()))
 
 
 @dataclass(frozen=True)

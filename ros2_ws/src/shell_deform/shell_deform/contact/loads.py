@@ -18,6 +18,7 @@ from shell_deform.assemble.discretisation import Discretisation
 from shell_deform.contact.bodies import Body
 from shell_deform.contact.pads import Pad
 from shell_deform.surface.control_mesh import ControlMesh
+from shell_deform.surface.frames import lateral_vectors
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.surface.loop_basis import basis_rows
 
@@ -67,10 +68,7 @@ class ContactPatch:
     @property
     def lateral(self) -> tuple[Array, Array]:
         """Two unit vectors across the axis."""
-        helper = np.eye(3)[int(np.argmin(np.abs(self.axis)))]
-        first = np.cross(self.axis, helper)
-        first /= np.linalg.norm(first)
-        return first, np.cross(self.axis, first)
+        return lateral_vectors(self.axis)
 
     def force_pattern(self, direction: Array) -> Array:
         """Nodal forces (n, 3) of a unit force [N] along `direction` (3,)."""
@@ -161,10 +159,7 @@ def _disc_points(
     nodes, gauss = np.polynomial.legendre.leggauss(RADIAL_POINTS)
     arc = radius * np.sqrt(0.5 * (nodes + 1.0))
     angle = 2.0 * np.pi * (np.arange(ANGULAR_POINTS) + 0.5) / ANGULAR_POINTS
-    helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    first = np.cross(normal, helper)
-    first /= np.linalg.norm(first)
-    second = np.cross(normal, first)
+    first, second = lateral_vectors(normal)
     direction = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
     target = np.repeat(arc, ANGULAR_POINTS)
     direction = np.tile(direction, (RADIAL_POINTS, 1))

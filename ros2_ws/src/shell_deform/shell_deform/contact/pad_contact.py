@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from shell_deform.assemble.discretisation import Discretisation
+from shell_deform.contact.depth_of_force import depth_of_force
 from shell_deform.contact.pads import Pad, gap
 from shell_deform.surface.limit import LimitSurface
 
@@ -26,8 +27,6 @@ Array = NDArray[np.float64]
 # Stiffness of the contact over that of the wall around one control point: in the first pass,
 # soft enough for Newton's method to find who touches; and in the last.
 FIRST_STIFFNESS, LAST_STIFFNESS = 10.0, 300.0
-# The depth of a forced pad is found to this share of its force.
-FORCE_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -160,10 +159,7 @@ class PadField:
         return np.maximum(0.0, self.multipliers[k] - self.stiffness * clear)
 
     def _depth(self, k: int, points: Array, start: float, force: float) -> float:
-        """Depth [m] at which pad k pushes with `force` [N] on a surface that does not yield.
-
-        The push grows with the depth: Newton's method, kept between bounds by bisection.
-        """
+        """Depth [m] at which pad k pushes with `force` [N] on a surface that does not yield."""
         pad, wall = self.pads[k], 0.5 * self.shell.thickness
         weights = self.shell.weights
 
@@ -180,27 +176,7 @@ class PadField:
                 float(np.sum((weights * rate)[active])),
             )
 
-        reach = float(np.ptp(points, axis=0).max())
-        low = high = start
-        step = 1e-3 * reach
-        while excess(low)[0] > 0.0 and low > start - 4.0 * reach:
-            low -= step
-            step *= 2.0
-        step = 1e-3 * reach
-        while excess(high)[0] < 0.0 and high < start + 4.0 * reach:
-            high += step
-            step *= 2.0
-        depth = start
-        for _ in range(100):
-            missing, rate = excess(depth)
-            if abs(missing) <= FORCE_TOLERANCE * abs(force):
-                break
-            low, high = (depth, high) if missing < 0.0 else (low, depth)
-            trial = depth - missing / rate if rate > 0.0 else low
-            depth = trial if low < trial < high else 0.5 * (low + high)
-            if high - low <= 1e-15 * reach:
-                break
-        return depth
+        return depth_of_force(excess, start, force, float(np.ptp(points, axis=0).max()))
 
 
 def pad_field(

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.surface.frames import lateral_vectors
+
 Array = NDArray[np.float64]
 
 HANDS = {'two_pins': 2, 'three_pins': 3}
@@ -65,10 +67,8 @@ def _leaning(rng: np.random.Generator, direction: Array, lean: float) -> Array:
     """A direction within `lean` of another, even over that cone."""
     cosine = 1.0 - rng.random() * (1.0 - np.cos(lean))
     turn = 2.0 * np.pi * rng.random()
-    helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    first = np.cross(direction, helper)
-    first /= np.linalg.norm(first)
-    across = np.cos(turn) * first + np.sin(turn) * np.cross(direction, first)
+    first, second = lateral_vectors(direction)
+    across = np.cos(turn) * first + np.sin(turn) * second
     return np.asarray(cosine * direction + np.sqrt(1.0 - cosine * cosine) * across)
 
 

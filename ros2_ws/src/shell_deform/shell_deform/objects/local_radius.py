@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..surface.fit import Target
+from ..surface.frames import lateral_vectors
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -22,10 +23,7 @@ def local_radius(target: Target, place: FloatArray, reach: float) -> float:
     and the facets of a profile, which are smaller, count little. Infinite on a plane.
     """
     foot, normal = (found[0] for found in target.project(place[None]))
-    helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    first = np.cross(normal, helper)
-    first /= np.linalg.norm(first)
-    frame = np.stack([first, np.cross(normal, first)])
+    frame = np.stack(lateral_vectors(normal))
     angle = 2.0 * np.pi * np.arange(RING_POINTS) / RING_POINTS
     circle = np.column_stack([np.cos(angle), np.sin(angle)]) @ frame
     around = foot + np.concatenate([reach * share * circle for share in RINGS])

@@ -17,14 +17,16 @@ LINEAR, PAPER, PAPER_RESTORED, KOITER = 0, 1, 2, 3
 
 
 @kernel(Void, Floats, Floats, Floats)
-def _cross(a: Any, b: Any, out: Any) -> None:
+def cross(a: Any, b: Any, out: Any) -> None:
+    """Cross product of two vectors (3,) into `out`."""
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
 @kernel(Float, Floats, Floats)
-def _dot(a: Any, b: Any) -> float:
+def dot(a: Any, b: Any) -> float:
+    """Scalar product of two vectors (3,)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -60,8 +62,8 @@ def point_strains(
         a_1, a_2 = tangents[0], tangents[1]
     else:
         a_1, a_2 = q[0], q[1]
-    _cross(a_1, a_2, m)
-    inverse = 1.0 / np.sqrt(_dot(m, m))
+    cross(a_1, a_2, m)
+    inverse = 1.0 / np.sqrt(dot(m, m))
     for i in range(3):
         normal[i] = m[i] * inverse
         jac[0, i] = a_1[i]
@@ -69,8 +71,8 @@ def point_strains(
         jac[2, i] = a_2[i]
         jac[2, 3 + i] = a_1[i]
     if theory == KOITER:
-        _cross(a_2, normal, dual_1)
-        _cross(normal, a_1, dual_2)
+        cross(a_2, normal, dual_1)
+        cross(normal, a_1, dual_2)
         for i in range(3):
             dual_1[i] *= inverse
             dual_2[i] *= inverse
@@ -78,8 +80,8 @@ def point_strains(
             vector = 2 if row == 0 else (4 if row == 1 else 3)
             factor = 2.0 if row == 2 else 1.0
             # dn = -(n . da_c) a^c, so d(a_ij . n) = n . (da_ij - (a_ij . a^c) da_c)
-            along_1 = factor * _dot(q[vector], dual_1)
-            along_2 = factor * _dot(q[vector], dual_2)
+            along_1 = factor * dot(q[vector], dual_1)
+            along_2 = factor * dot(q[vector], dual_2)
             for i in range(3):
                 jac[3 + row, i] = -along_1 * normal[i]
                 jac[3 + row, 3 + i] = -along_2 * normal[i]
@@ -89,8 +91,8 @@ def point_strains(
             vector = 2 if row == 0 else (4 if row == 1 else 3)
             factor = 2.0 if row == 2 else 1.0
             a_ij = second[vector - 2] if theory == LINEAR else q[vector]
-            _cross(a_2, a_ij, dual_1)
-            _cross(a_ij, a_1, dual_2)
+            cross(a_2, a_ij, dual_1)
+            cross(a_ij, a_1, dual_2)
             for i in range(3):
                 jac[3 + row, i] = factor * dual_1[i]
                 jac[3 + row, 3 + i] = factor * dual_2[i]
@@ -112,17 +114,17 @@ def point_strains(
                     total += jac[row, 6 + 3 * c + i] * (q[2 + c, i] - second[c, i])
             strain[row] = total
         return
-    strain[0] = 0.5 * (_dot(a_1, a_1) - 1.0)
-    strain[1] = 0.5 * (_dot(a_2, a_2) - 1.0)
-    strain[2] = _dot(a_1, a_2)
+    strain[0] = 0.5 * (dot(a_1, a_1) - 1.0)
+    strain[1] = 0.5 * (dot(a_2, a_2) - 1.0)
+    strain[2] = dot(a_1, a_2)
     fibre = normal if theory == KOITER else m
-    strain[3] = _dot(q[2], fibre)
-    strain[4] = _dot(q[4], fibre)
-    strain[5] = 2.0 * _dot(q[3], fibre)
+    strain[3] = dot(q[2], fibre)
+    strain[4] = dot(q[4], fibre)
+    strain[5] = 2.0 * dot(q[3], fibre)
     if theory == PAPER:
-        strain[3] -= _dot(a_1, k[0])
-        strain[4] -= _dot(a_2, k[1])
-        strain[5] -= _dot(a_1, k[1]) + _dot(a_2, k[0])
+        strain[3] -= dot(a_1, k[0])
+        strain[4] -= dot(a_2, k[1])
+        strain[5] -= dot(a_1, k[1]) + dot(a_2, k[0])
     else:
         strain[3] -= curvature[0]
         strain[4] -= curvature[2]
@@ -163,11 +165,11 @@ def _add_koiter_bending(q: Any, stress: Any, normal: Any, dual: Any, c: Any, h: 
     for i in range(3):
         c[i] = stress[3] * q[2, i] + stress[4] * q[4, i] + 2.0 * stress[5] * q[3, i]
     # dc - c^y da_y = sum_y g_y dq_y
-    g = (-_dot(c, dual[0]), -_dot(c, dual[1]), stress[3], 2.0 * stress[5], stress[4])
-    along = _dot(c, normal)
+    g = (-dot(c, dual[0]), -dot(c, dual[1]), stress[3], 2.0 * stress[5], stress[4])
+    along = dot(c, normal)
     for x in range(2):
         for y in range(2):
-            metric = along * _dot(dual[x], dual[y])
+            metric = along * dot(dual[x], dual[y])
             for i in range(3):
                 for j in range(3):
                     h[3 * x + i, 3 * y + j] -= metric * normal[i] * normal[j]

@@ -30,9 +30,20 @@ class ReferencePoints:
     area: Array
 
     @property
+    def mean_and_gauss(self) -> tuple[Array, Array]:
+        """Mean (p,) [1/m] and Gaussian (p,) [1/m^2] curvature; the mean of a sphere is -1/R."""
+        b_11, b_12, b_22 = self.curvature.T
+        return 0.5 * (b_11 + b_22), b_11 * b_22 - b_12**2
+
+    @property
     def derivatives(self) -> Array:
         """(p, 5, 3) derivative vectors (a_1, a_2, a_11, a_12, a_22) of the undeformed surface."""
         return np.concatenate([self.tangents, self.second], axis=1)
+
+
+def sharpest_curvature(mean: Array, gauss: Array) -> Array:
+    """(p,) larger principal curvature by amount [1/m], of mean [1/m] and Gaussian [1/m^2]."""
+    return np.abs(mean) + np.sqrt(np.maximum(mean**2 - gauss, 0.0))
 
 
 def frame_coefficients(first: Array) -> Array:

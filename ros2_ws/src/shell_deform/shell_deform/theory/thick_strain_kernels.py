@@ -24,18 +24,7 @@ from typing import Any
 import numpy as np
 
 from shell_deform.compiled.kernel_types import Bool, Float, FloatRows, Floats, Int, Void, kernel
-
-
-@kernel(Float, Floats, Floats)
-def _dot(a: Any, b: Any) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@kernel(Void, Floats, Floats, Floats)
-def _cross(a: Any, b: Any, out: Any) -> None:
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
+from shell_deform.theory.kernels import cross, dot
 
 
 @kernel(Void, FloatRows, Floats, Floats, Floats, FloatRows, FloatRows)
@@ -46,17 +35,17 @@ def director_numbers(q: Any, shear: Any, axis: Any, m: Any, jac: Any, work: Any)
     """
     normal, dual_1, dual_2, across = work[0], work[1], work[2], work[3]
     a = (q[0], q[1])
-    _cross(q[0], q[1], across)
-    inverse = 1.0 / np.sqrt(_dot(across, across))
+    cross(q[0], q[1], across)
+    inverse = 1.0 / np.sqrt(dot(across, across))
     for i in range(3):
         normal[i] = across[i] * inverse
-    _cross(q[1], normal, dual_1)
-    _cross(normal, q[0], dual_2)
+    cross(q[1], normal, dual_1)
+    cross(normal, q[0], dual_2)
     for i in range(3):
         dual_1[i] *= inverse
         dual_2[i] *= inverse
     jac[:, :] = 0.0
-    m[0], m[1], m[2] = _dot(q[0], q[0]), _dot(q[1], q[1]), _dot(q[0], q[1])
+    m[0], m[1], m[2] = dot(q[0], q[0]), dot(q[1], q[1]), dot(q[0], q[1])
     for i in range(3):
         jac[0, i] = 2.0 * q[0, i]
         jac[1, 3 + i] = 2.0 * q[1, i]
@@ -77,9 +66,9 @@ def director_numbers(q: Any, shear: Any, axis: Any, m: Any, jac: Any, work: Any)
         for c in range(2):
             row = 3 + 2 * c + b
             vector = 2 + b + c
-            form = _dot(q[vector], normal)
-            along_1, along_2 = _dot(q[vector], dual_1), _dot(q[vector], dual_2)
-            m[row] = _dot(a[c], mixed) - form
+            form = dot(q[vector], normal)
+            along_1, along_2 = dot(q[vector], dual_1), dot(q[vector], dual_2)
+            m[row] = dot(a[c], mixed) - form
             for i in range(3):
                 jac[row, i] += along_1 * normal[i]
                 jac[row, 3 + i] += along_2 * normal[i]
@@ -90,8 +79,8 @@ def director_numbers(q: Any, shear: Any, axis: Any, m: Any, jac: Any, work: Any)
                 jac[row, 6 + 3 * b + i] += w[0] * a[c][i]
                 jac[row, 9 + 3 * b + i] += w[1] * a[c][i]
             for e in range(2):
-                jac[row, 15 + e] = _dot(a[c], q[2 + e + b])
-                jac[row, 17 + 2 * e + b] = _dot(a[c], a[e])
+                jac[row, 15 + e] = dot(a[c], q[2 + e + b])
+                jac[row, 17 + 2 * e + b] = dot(a[c], a[e])
             # r_b takes W^c b_cb.
             m[7 + b] += w[c] * form
             jac[7 + b, 15 + c] = form
@@ -101,12 +90,12 @@ def director_numbers(q: Any, shear: Any, axis: Any, m: Any, jac: Any, work: Any)
                 jac[7 + b, 3 * vector + i] += w[c] * normal[i]
     m[9], m[10] = w
     jac[9, 15], jac[10, 16] = 1.0, 1.0
-    axial_1, axial_2 = _dot(axis, dual_1), _dot(axis, dual_2)
-    m[11] = _dot(axis, normal) + w[0] * _dot(axis, q[0]) + w[1] * _dot(axis, q[1])
+    axial_1, axial_2 = dot(axis, dual_1), dot(axis, dual_2)
+    m[11] = dot(axis, normal) + w[0] * dot(axis, q[0]) + w[1] * dot(axis, q[1])
     for i in range(3):
         jac[11, i] = w[0] * axis[i] - axial_1 * normal[i]
         jac[11, 3 + i] = w[1] * axis[i] - axial_2 * normal[i]
-    jac[11, 15], jac[11, 16] = _dot(axis, q[0]), _dot(axis, q[1])
+    jac[11, 15], jac[11, 16] = dot(axis, q[0]), dot(axis, q[1])
 
 
 @kernel(Void, Floats, Floats, FloatRows, FloatRows)
@@ -117,11 +106,11 @@ def _add_normal_hessian(c: Any, by: Any, duals: Any, h: Any) -> None:
     holds n, a^1, a^2.
     """
     normal = duals[0]
-    along = _dot(c, normal)
-    g = (by[0] - _dot(c, duals[1]), by[1] - _dot(c, duals[2]), by[2], by[3], by[4])
+    along = dot(c, normal)
+    g = (by[0] - dot(c, duals[1]), by[1] - dot(c, duals[2]), by[2], by[3], by[4])
     for x in range(2):
         for y in range(2):
-            metric = along * _dot(duals[1 + x], duals[1 + y])
+            metric = along * dot(duals[1 + x], duals[1 + y])
             for i in range(3):
                 for j in range(3):
                     h[3 * x + i, 3 * y + j] -= metric * normal[i] * normal[j]
@@ -159,7 +148,7 @@ def add_director_hessian(
     for e in range(2):
         for b in range(2):
             vector = 2 + e + b
-            along_1, along_2 = rho[b] * _dot(q[vector], dual_1), rho[b] * _dot(q[vector], dual_2)
+            along_1, along_2 = rho[b] * dot(q[vector], dual_1), rho[b] * dot(q[vector], dual_2)
             for i in range(3):
                 first, second = -along_1 * normal[i], -along_2 * normal[i]
                 third = rho[b] * normal[i]

@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.theory.reference import sharpest_curvature
+
 Array = NDArray[np.float64]
 
 EXCESS = 1.5
@@ -36,8 +38,7 @@ def thickness_over_radius(mean: Array, gauss: Array, thickness: Array) -> float:
 
     `mean`, `gauss` (p,): curvatures [1/m], [1/m^2]. `thickness` (p,) [m].
     """
-    largest = np.abs(mean) + np.sqrt(np.maximum(mean**2 - gauss, 0.0))
-    return float(np.quantile(thickness * largest, 0.95))
+    return float(np.quantile(thickness * sharpest_curvature(mean, gauss), 0.95))
 
 
 def thick_wall_warning(ratio: float) -> str | None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.surface.limit import LimitSurface
+from shell_deform.theory.reference import sharpest_curvature
 
 FACTOR = 0.17
 
@@ -21,8 +22,7 @@ def coarseness(surface: LimitSurface, wall: float, patch: ContactPatch) -> float
     mesh = surface.mesh
     found = surface.closest_point(mesh.vertices, patch.point[None])
     mean, gauss = surface.evaluate(mesh.vertices, found.triangle, found.parameters).curvatures()
-    bend = np.sqrt(np.maximum(mean**2 - gauss, 0.0))
-    sharpest = float(np.abs(mean)[0] + bend[0])
+    sharpest = float(sharpest_curvature(mean, gauss)[0])
     corners = mesh.vertices[mesh.triangles[int(found.triangle[0])]]
     edge = float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max())
     return FACTOR * edge * edge * sharpest / wall

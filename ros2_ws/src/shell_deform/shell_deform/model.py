@@ -13,7 +13,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from shell_deform.assemble.discretisation import Discretisation
-from shell_deform.assemble.thick import Stamp, ThickShell
+from shell_deform.assemble.stamps import Stamp
+from shell_deform.assemble.thick import ThickShell
 from shell_deform.contact.bodies import Body, RoundBar, Shape, frame_of
 from shell_deform.contact.contact_field import WallStiffness, wall_stiffness
 from shell_deform.contact.loads import ContactPatch, LoadError, contact_patch

@@ -105,7 +105,7 @@ def _read_out_thick(shell: ThickShell, unknowns: Array, yield_stress: float | No
     half = np.array([0.5, 0.5, 1.0])
     twice = np.array([1.0, 1.0, 2.0])
     identity = np.array([1.0, 1.0, 0.0])
-    faces = [shell.face_metric(states, side) for side in (1.0, -1.0)]
+    faces = [_face_metric(shell, states, side) for side in (1.0, -1.0)]
     outer, inner = (half * (face - identity) for face in faces)
     outer_stress, inner_stress = (neo_hookean_stress(face, shell.material) for face in faces)
     return Readout(
@@ -121,6 +121,22 @@ def _read_out_thick(shell: ThickShell, unknowns: Array, yield_stress: float | No
         volume=shell.volume(unknowns)[0],
         warnings=_stress_warnings(outer_stress, inner_stress, yield_stress),
     )
+
+
+def _face_metric(shell: ThickShell, states: Array, side: float) -> Array:
+    """(p, 3) right Cauchy-Green components (11, 22, 12) at height `side` h / 2, all points.
+
+    `states` (p, 17) are those of all points.
+    """
+    h, z = shell.thickness, 0.5 * side * shell.thickness
+    zeta = (states[:, 0] * z + states[:, 1] * z**2 / h)[:, None]
+    metric = states[:, 6:9] + 2.0 * zeta * states[:, 9:12] + zeta**2 * states[:, 12:15]
+    k_11, k_12, k_22 = (-shell.reference.curvature).T
+    shifter = np.stack([1.0 + z * k_11, z * k_12, z * k_12, 1.0 + z * k_22], axis=1)
+    inverse = np.linalg.inv(shifter.reshape(-1, 2, 2))
+    full = np.stack([metric[:, 0], metric[:, 2], metric[:, 2], metric[:, 1]], axis=1)
+    turned = inverse @ full.reshape(-1, 2, 2) @ inverse
+    return np.stack([turned[:, 0, 0], turned[:, 1, 1], turned[:, 0, 1]], axis=1)
 
 
 def neo_hookean_stress(metric: Array, material: Material) -> Array:

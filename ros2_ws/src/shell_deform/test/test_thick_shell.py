@@ -6,7 +6,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shell_deform.assemble.discretisation import discretise
-from shell_deform.assemble.thick import EXTRA_COMPLIANCE, Stamp, WallError, thick_shell
+from shell_deform.assemble.stamps import Stamp, WallError
+from shell_deform.assemble.thick import EXTRA_COMPLIANCE, thick_shell
 from shell_deform.building import build_model, object_contacts, with_material
 from shell_deform.objects import load_object
 from shell_deform.readout import read_out

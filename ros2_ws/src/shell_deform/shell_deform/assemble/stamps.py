@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rigid pins on the outer face of a thick wall, and the quadrature points that they press."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.assemble.shell_points import ShellPoints
+from shell_deform.surface.control_mesh import ControlMesh
+from shell_deform.surface.frames import lateral_vectors
+from shell_deform.surface.limit import LimitSurface
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+POINTS_ACROSS = 1
+"""Triangles under a pin are split until so many of their parts span its radius."""
+
+MOST_SPLITS = 5
+
+
+class WallError(ValueError):
+    """A wall for which the thick theory has no meaning."""
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """A rigid pin on the outer face: what lies under it moves alike along its axis, and slides.
+
+    Attributes:
+        centre: (3,) on the undeformed middle surface [m]. axis: (3,) unit direction of the push,
+            into the object. radius: of the pressed patch, along the outer face [m].
+    """
+
+    centre: Array
+    axis: Array
+    radius: float
+
+    def like(self, other: Stamp) -> bool:
+        """Whether both are the same pin."""
+        return (
+            self.radius == other.radius
+            and np.array_equal(self.centre, other.centre)
+            and np.array_equal(self.axis, other.axis)
+        )
+
+
+@dataclass(frozen=True)
+class StampPoints:
+    """Quadrature points under the stamps, g of them.
+
+    Attributes:
+        point: (g,) number of each. stamp: (g,) the stamp it lies under. cell: (g,) the pressure
+            that acts on it, one an element. axis: (g, 3) out of the wall. height: (g,) of the
+            undeformed outer face along it [m]. arm: (g, 2) offset from the stamp's centre along
+            its two lateral vectors, over its radius.
+        outward: (k, 3) normal of the surface at each stamp. wall: (k,) its thickness there [m].
+    """
+
+    point: Index
+    stamp: Index
+    cell: Index
+    axis: Array
+    height: Array
+    arm: Array
+    outward: Array
+    wall: Array
+
+    @property
+    def cells(self) -> int:
+        """Number of pressures."""
+        return int(self.cell.max(initial=-1)) + 1
+
+
+def stamp_splits(mesh: ControlMesh, stamps: Sequence[Stamp]) -> Index:
+    """(t,) splits of each triangle so that parts small against the pins lie under them."""
+    corners = mesh.vertices[mesh.triangles]
+    edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    middle = corners.mean(axis=1)
+    splits = np.zeros(len(mesh.triangles), dtype=np.int64)
+    for stamp in stamps:
+        near = np.linalg.norm(middle - stamp.centre, axis=1) < stamp.radius + 0.7 * edge
+        wanted = np.ceil(np.log2(np.maximum(edge * POINTS_ACROSS / stamp.radius, 1.0)))
+        splits[near] = np.maximum(splits[near], np.minimum(wanted[near], MOST_SPLITS))
+    return splits
+
+
+def stamp_points(
+    shell: ShellPoints, surface: LimitSurface, points: Array, stamps: Sequence[Stamp]
+) -> StampPoints:
+    """Points under each stamp: the nearest ones that make up its area on the outer face.
+
+    `points` (p, 3): all quadrature points on the undeformed middle surface [m]. Raises WallError
+    for a stamp under which there are too few.
+    """
+    outer = points + 0.5 * shell.thickness[:, None] * shell.reference.normal
+    mean, gauss = shell.reference.mean_and_gauss
+    half = 0.5 * shell.thickness
+    stretch = 1.0 - 2.0 * half * mean + half**2 * gauss
+    area = shell.weights * stretch
+    taken = np.full(len(points), -1, dtype=np.int64)
+    parts: list[tuple[Index, int]] = []
+    normals, walls = np.zeros((len(stamps), 3)), np.zeros(len(stamps))
+    for k, stamp in enumerate(stamps):
+        foot = surface.closest_point(shell.mesh.vertices, stamp.centre[None])
+        normals[k] = foot.normal[0]
+        walls[k] = shell.thickness[np.argmin(np.linalg.norm(points - stamp.centre, axis=1))]
+        centre = stamp.centre + 0.5 * walls[k] * normals[k]
+        distance = np.linalg.norm(outer - centre, axis=1)
+        near = np.flatnonzero((distance < 1.5 * stamp.radius) & (taken < 0))
+        near = near[np.argsort(distance[near], kind='stable')]
+        within = np.cumsum(area[near]) - 0.5 * area[near] < np.pi * stamp.radius**2
+        own = np.sort(near[within])
+        if len(own) < 3:
+            raise WallError(
+                f'a pin of {1e3 * stamp.radius:.3g} mm at {np.round(1e3 * stamp.centre, 2)} mm '
+                f'presses on fewer than three points of the mesh: refine it there'
+            )
+        taken[own] = k
+        parts.append((own, k))
+    point = np.concatenate([own for own, _ in parts]) if parts else np.zeros(0, np.int64)
+    stamp_of = np.repeat([k for _, k in parts], [len(own) for own, _ in parts]).astype(np.int64)
+    axis = np.array([-stamps[k].axis for k in stamp_of.tolist()]).reshape(-1, 3)
+    arm = np.zeros((len(point), 2))
+    for k, stamp in enumerate(stamps):
+        own = stamp_of == k
+        offset = outer[point[own]] - (stamp.centre + 0.5 * walls[k] * normals[k])
+        for i, lateral in enumerate(lateral_vectors(stamp.axis)):
+            arm[own, i] = offset @ lateral / stamp.radius
+    height = np.einsum('gi,gi->g', axis, outer[point])
+    element = np.searchsorted(shell.point_offsets, point, side='right') - 1
+    cell = np.unique(element, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    return StampPoints(point.astype(np.int64), stamp_of, cell, axis, height, arm, normals, walls)

@@ -181,8 +181,7 @@ def boundary_vertices(mesh: ControlMesh) -> tuple[Index, Array]:
 def _support_rows(
     shell_object: ShellObject, shell: Discretisation, support: Support
 ) -> list[SupportRows]:
-    mesh = shell.mesh
-    surface = LimitSurface(mesh)
+    mesh, surface = shell.mesh, shell.surface
     points = surface.limit_positions(mesh.vertices)
     rim, along = boundary_vertices(mesh)
     at, plane = _where(shell_object, points, rim, support.where)

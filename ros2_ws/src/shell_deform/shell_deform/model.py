@@ -86,10 +86,10 @@ class ShellModel:
         if self.gas.is_sealed and not self.shell.mesh.is_closed:
             raise ValueError('an open surface cannot hold sealed gas; use gas kind none or open')
 
-    @cached_property
+    @property
     def surface(self) -> LimitSurface:
         """The limit surface of the control mesh."""
-        return LimitSurface(self.shell.mesh)
+        return self.shell.surface
 
     @property
     def rest(self) -> Array:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,11 @@ class Discretisation(ShellPoints):
     """
 
     threads: int = 1
+
+    @cached_property
+    def surface(self) -> LimitSurface:
+        """The limit surface of the control mesh."""
+        return LimitSurface(self.mesh)
 
     def stiffened(self, factor: float) -> Discretisation:
         """The same shell with `factor` times the modulus, to which the wall is proportional."""
@@ -86,7 +92,7 @@ class Discretisation(ShellPoints):
 
     def outer_face(self, positions: Array) -> Array:
         """(n, 3) points of the outer face over the limit positions of the vertices [m]."""
-        surface = LimitSurface(self.mesh)
+        surface = self.surface
         half = 0.5 * np.asarray(self._vertex_wall)[:, None]
         return surface.limit_positions(positions) + half * surface.vertex_normals(positions)
 

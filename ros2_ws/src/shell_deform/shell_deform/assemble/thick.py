@@ -42,7 +42,6 @@ from shell_deform.assemble.stamps import (
 from shell_deform.compiled.cache import HAVE_NUMBA
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.frames import lateral_vectors
-from shell_deform.surface.limit import LimitSurface
 from shell_deform.surface.loop_basis import QuadratureBasis, quadrature_basis
 from shell_deform.theory.koiter import cross_matrix
 from shell_deform.theory.material import Material
@@ -70,15 +69,14 @@ class ThickShell(Discretisation):
     """See the module docstring; n control points, m shear nodes, k stamps.
 
     Attributes:
-        material: of the wall. basis: quadrature, split under the stamps. surface: of the mesh.
-        wall: (n,) thickness. stamps: the pins. sheared: (m,) control vertices with shear.
+        material: of the wall. basis: quadrature, split under the stamps. wall: (n,) thickness.
+        stamps: the pins. sheared: (m,) control vertices with shear.
         pressed: what the pins touch. elements: all unknowns of each element.
         everywhere: whether every vertex has shear.
     """
 
     material: Material
     basis: QuadratureBasis
-    surface: LimitSurface
     wall: Array
     stamps: tuple[Stamp, ...]
     sheared: Index
@@ -432,9 +430,9 @@ def thick_shell(
     n = len(mesh.vertices)
     wall = np.array(np.broadcast_to(np.asarray(thickness, dtype=float), (n,)))
     stamps = tuple(stamps)
-    surface = LimitSurface(mesh)
     basis = quadrature_basis(mesh, 3, 2, stamp_splits(mesh, stamps))
     base = discretise(mesh, material, wall, basis)
+    surface = base.surface
     points = np.asarray(base.value_matrix() @ mesh.vertices)
     _refuse_folded(base, points)
     if everywhere:
@@ -444,7 +442,7 @@ def thick_shell(
     pressed = stamp_points(base, surface, points, stamps)
     own = {name: getattr(base, name) for name in base.__dataclass_fields__ if name != 'threads'}
     return ThickShell(
-        **own, threads=threads, material=material, basis=basis, surface=surface, wall=wall,
+        **own, threads=threads, material=material, basis=basis, wall=wall,
         stamps=stamps, sheared=sheared, pressed=pressed, everywhere=everywhere,
         elements=element_unknowns(base, surface, sheared, pressed, float(np.mean(wall))),
     )  # fmt: skip

@@ -255,6 +255,37 @@ def test_stamps_that_run_ahead_of_the_steady_clock_are_a_jump(ahead, period, cou
     assert arrivals(watch, [seek + period], [before[-1] + 2 * period]) == [Arrival.NEXT]
 
 
+@given(st.lists(st.floats(2.0, 1e4), min_size=1, max_size=4), st.floats(1e-3, 0.1))
+def test_seeks_forwards_one_sample_after_the_other_are_jumps_and_so_is_the_way_back(seeks, period):
+    watch = StampWatch()
+    arrivals(watch, [i * period for i in range(10)])
+    stamp, now = 9 * period, 9 * period
+    for seek in seeks:
+        stamp, now = stamp + seek, now + period
+        assert arrivals(watch, [stamp], [now]) == [Arrival.JUMPED]
+    # whatever was learned meanwhile, a bag that is played again starts anew
+    assert arrivals(watch, [period, 2 * period], [now + period, now + 2 * period]) == [
+        Arrival.JUMPED,
+        Arrival.NEXT,
+    ]
+
+
+def test_a_stream_that_began_with_one_sample_of_another_time_is_still_seen_to_jump():
+    watch = StampWatch()
+    times = [0.01, 14.01, 14.02, 14.03]
+    arrivals(watch, times, [0.0, 0.01, 0.02, 0.03])
+    assert arrivals(watch, [0.01, 0.02], [0.04, 0.05]) == [Arrival.JUMPED, Arrival.NEXT]
+    assert arrivals(watch, [20.0], [0.06]) == [Arrival.JUMPED]
+
+
+def test_another_stream_much_slower_and_played_fast_soon_goes_on():
+    watch = StampWatch()
+    arrivals(watch, [0.01 * i for i in range(30)])
+    times = [100.0 + 2.0 * i for i in range(20)]
+    slow = arrivals(watch, times, [1.0 + 0.2 * i for i in range(20)])
+    assert set(slow[5:]) == {Arrival.NEXT}
+
+
 @given(st.floats(0.5, 1e4))
 def test_a_pause_in_which_both_clocks_go_on_is_no_jump(pause):
     watch = StampWatch()

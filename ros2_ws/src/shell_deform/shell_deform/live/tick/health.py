@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -16,9 +17,11 @@ JUMP_S = 1.0
 """Stamps that leave the steady clock by more have jumped; less is a loss of samples [s]."""
 JUMP_PERIODS = 10.0
 """And by so many sample periods: a slow stream played fast does not jump. A step back by less than
-so many periods is a sample that comes late."""
+so many periods, and than `JUMP_S`, is a sample that comes late."""
 LATE_S = 0.05
 """A step back by less is a late sample, whatever the period [s]."""
+GAPS = 9
+"""The sample period is the median of so many gaps: a pause or a jump among them is none."""
 
 
 class Latencies:
@@ -63,7 +66,7 @@ class StampWatch:
         self.jumps = 0
         self._last = 0
         self._arrived = 0.0
-        self._period = 0.0
+        self._gaps: deque[float] = deque(maxlen=GAPS)
 
     def arrived(self, stamp_ns: int, now: float) -> Arrival:
         """Take the stamp of a sample that arrived at steady time `now` [s]."""
@@ -71,7 +74,8 @@ class StampWatch:
             self.repeated += 1
             return Arrival.REPEATED
         gap = 1e-9 * (stamp_ns - self._last)
-        if self.samples and -max(JUMP_PERIODS * self._period, LATE_S) < gap < 0.0:
+        period = self._period
+        if self.samples and -min(max(JUMP_PERIODS * period, LATE_S), JUMP_S) < gap < 0.0:
             self.samples += 1
             self.late += 1
             return Arrival.LATE
@@ -81,20 +85,17 @@ class StampWatch:
         self._last, self._arrived = stamp_ns, now
         if first:
             return Arrival.NEXT
-        runs_ahead = ahead > JUMP_S and 0.0 < JUMP_PERIODS * self._period < gap
-        if gap < 0.0 or runs_ahead:
+        if gap > 0.0:
+            self._gaps.append(gap)
+        if gap < 0.0 or (ahead > JUMP_S and 0.0 < JUMP_PERIODS * period < gap):
             self.jumps += 1
-            self._period = 0.0
             return Arrival.JUMPED
-        self._learn_period(gap)
         return Arrival.NEXT
 
-    def _learn_period(self, gap: float) -> None:
-        """A slow mean in which neither a burst nor a pause counts for more than twice."""
-        if self._period == 0.0:
-            self._period = gap
-        else:
-            self._period *= min(max(gap / self._period, 0.5), 2.0) ** 0.1
+    @property
+    def _period(self) -> float:
+        """Between two samples [s]; 0 before the second one."""
+        return sorted(self._gaps)[(len(self._gaps) - 1) // 2] if self._gaps else 0.0
 
 
 class LossCount:

@@ -345,6 +345,24 @@ def test_flags_of_contact_are_what_counts(model):
     assert served.unknown == (1,)
 
 
+def test_where_the_last_grasp_had_carried_the_object_is_no_part_of_the_next(model):
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
+    for angle in np.linspace(0.0, 0.3, 11):
+        outward = np.array([[np.cos(angle), np.sin(angle), 0.0], [-1.0, 0.0, 0.0]])
+        pipeline.tick(
+            live_hand.sample(OUTER * outward, -outward, [7.0, 7.0], [1.5e-3] * 2, radius=3e-3)
+        )
+        pipeline.refresh()
+    carried = pipeline.solver.tracker.positions - model.rest
+    assert np.abs(carried.mean(axis=0)).max() > 1e-5
+    pipeline.estimator.forget()
+    pipeline.jump()
+    pipeline.tick(squeeze([0.0, 0.0], 0.0))
+    pipeline.refresh()
+    assert np.abs(pipeline.estimator.adopted.response.force).max() < 1e-3
+    assert error(pipeline.tick(squeeze([0.0, 0.0], 0.0)).packed, pipeline.memory.rest) < 1e-6
+
+
 @pytest.mark.parametrize('start', [1e-3, 5e-3])
 def test_a_grasp_taken_up_from_the_shape_of_another_knows_how_wrong_its_first_steps_are(
     model, truth, start

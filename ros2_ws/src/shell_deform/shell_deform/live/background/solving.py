@@ -166,10 +166,15 @@ class LiveSolver:
     def _lay(self, touches: tuple[Touch, ...]) -> None:
         """Patches for the fingers that touch, with the pushes that are there."""
         pushes = dict(zip(self._fingers(), self.tracker.state.force, strict=True))
+        anew = not self.contacts.contacts
         if self.contacts.update(touches, self.tracker.positions):
             self._change_contacts(
                 np.array([pushes.get(contact.finger, 0.0) for contact in self.contacts.contacts])
             )
+            if anew:
+                # Where the last grasp had carried the object is no part of this one.
+                unloaded = self.tracker.unloaded(self.unloaded) - self.tracker.model.start
+                self._rigid_anchor = self._rows().left.T @ unloaded.reshape(-1)
 
     @property
     def message(self) -> str:

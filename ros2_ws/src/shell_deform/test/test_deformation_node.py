@@ -177,8 +177,9 @@ def test_every_sample_has_its_grasp_by_field_name(node, hand):
     lifted = 2.0 * rows['friction_given'][-1] * push.mean()
     assert rows['gravity_capacity'][-1] == pytest.approx(lifted, rel=0.05)
     assert all(np.all(np.isfinite(rows[name])) for name in rows.dtype.names)
-    wait(hand, lambda: 'grasp/liftable_mass' in hand.numbers)
-    assert hand.numbers['grasp/liftable_mass'] == pytest.approx(lifted / 9.80665, rel=0.1)
+    # the number of that sample comes on a topic of its own, perhaps after those of samples before
+    mass = pytest.approx(lifted / 9.80665, rel=0.1)
+    wait(hand, lambda: hand.numbers.get('grasp/liftable_mass', 0.0) == mass)
 
 
 def grasp_of(message):

@@ -161,3 +161,32 @@ def test_any_value_of_any_key_gives_an_object_or_an_object_error(key, value, tmp
         load_object(path)
     except ObjectError as error:
         assert str(path) in str(error)
+
+
+RELAXING = GOOD + 'relaxation: {kind: log, share_per_decade: 0.03, from_s: 0.1, to_s: 1000}\n'
+
+
+def test_a_relaxation_is_read_in_both_of_its_forms(tmp_path):
+    law = load(tmp_path, RELAXING).relaxation
+    assert (law.per_decade, law.first, law.last, law.reference) == (0.03, 0.1, 1000.0, 0.1)
+    terms = 'relaxation: {kind: prony, shares: [0.1, 0.2], times_s: [1, 10]}\n'
+    law = load(tmp_path, GOOD + terms).relaxation
+    assert law.terms == ((0.1, 1.0), (0.2, 10.0))
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'message'),
+    [
+        ('0.03', '-0.03', 'line 15: relaxation: .* grows'),
+        ('to_s: 1000', 'to_s: 0.01', 'line 15: relaxation: the times run back'),
+        (', to_s: 1000', '', 'line 15: relaxation of kind log lacks to_s'),
+        ('to_s', 'to', "line 15: relaxation has no key 'to'"),
+        ('kind: log', 'kind: prony', 'line 15: relaxation of kind prony lacks shares, times_s'),
+        ('to_s: 1000', 'to_s: 1000, shares: [0.1]', 'shares does not belong to .* kind log'),
+        ('0.03', 'much', "line 15: share_per_decade is 'much'; a plain number"),
+        ('to_s: 1000', 'to_s: .inf', "line 15: to_s is '.inf'; a"),
+    ],
+)
+def test_a_relaxation_that_cannot_be_is_refused_with_its_line(tmp_path, old, new, message):
+    with pytest.raises(ObjectError, match=message):
+        load(tmp_path, RELAXING.replace(old, new))

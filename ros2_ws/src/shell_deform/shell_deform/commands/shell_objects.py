@@ -25,6 +25,7 @@ from shell_deform.objects import (
 )
 from shell_deform.objects.loader import shipped_text
 from shell_deform.objects.reference import schema
+from shell_deform.theory.relaxation import Relaxation
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -89,6 +90,8 @@ def _described(shell: ShellObject, with_mesh: bool) -> dict[str, Any]:
     }
     if shell.vertex_thickness_m is not None:
         result['vertex_thickness_m'] = shell.vertex_thickness_m.tolist()
+    if shell.relaxation is not None:
+        result['relaxation'] = _relaxation(shell.relaxation)
     if with_mesh:
         result['mesh'] = asdict(object_fit_report(shell, object_mesh(shell)))
     return result
@@ -134,6 +137,20 @@ def _shape(shell: ShellObject) -> str:
         else:
             parts.append(f'profile of {len(value)} points')
     return f'{shell.surface.kind.replace("_", " ")}: {", ".join(parts)}'
+
+
+def _relaxation(law: Relaxation) -> dict[str, Any]:
+    """The law as an object file states it."""
+    if law.per_decade is not None:
+        return {
+            'kind': 'log', 'share_per_decade': law.per_decade, 'from_s': law.first,
+            'to_s': law.last, 'reference_s': law.reference, 'sigma_per_decade': law.sigma,
+        }  # fmt: skip
+    at_once = float(law(0.0))
+    return {
+        'kind': 'prony', 'shares': (law.shares / at_once).tolist(),
+        'times_s': law.times.tolist(), 'reference_s': law.reference, 'to_s': law.last,
+    }  # fmt: skip
 
 
 def _gas(shell: ShellObject) -> str:

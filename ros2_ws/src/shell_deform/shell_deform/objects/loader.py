@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from ..theory.relaxation import Relaxation, RelaxationError, log_law, prony
 from .shell_object import (
     DEFAULT_CONTACT_RADIUS_M,
     DEFAULT_CONTROL_VERTICES,
@@ -35,7 +36,9 @@ from .shell_object import (
 from .yaml_reader import Entry, read_document
 
 _REQUIRED = ('name', 'surface', 'thickness_m', 'young_modulus_pa', 'poisson_ratio')
-_OPTIONAL = ('yield_stress_pa', 'gas', 'supports', 'contacts', 'control_vertices', 'source')
+_OPTIONAL = (
+    'yield_stress_pa', 'gas', 'supports', 'contacts', 'control_vertices', 'relaxation', 'source',
+)  # fmt: skip
 _SUPPORT_KINDS = ('clamped', 'hinged', 'symmetry', 'diaphragm', 'held')
 
 
@@ -99,6 +102,7 @@ def _read(root: Entry, folder: Path) -> ShellObject:
             else DEFAULT_CONTROL_VERTICES
         ),
         vertex_thickness_m=per_vertex,
+        relaxation=_relaxation(entries['relaxation']) if 'relaxation' in entries else None,
         source=entries['source'].text() if 'source' in entries else '',
     )
     if not shell.name:
@@ -229,6 +233,40 @@ def _gas(entry: Entry, surface: Surface) -> Gas:
     if 'gauge_pressure_pa' in found:
         gauge = found['gauge_pressure_pa'].number(minimum=-ambient, maximum=1e8)
     return Gas(kind, gauge, ambient)
+
+
+_LOG_KEYS = ('share_per_decade', 'from_s', 'to_s')
+
+
+def _relaxation(entry: Entry) -> Relaxation:
+    found = entry.mapping(
+        ['kind'], [*_LOG_KEYS, 'shares', 'times_s', 'reference_s', 'sigma_per_decade']
+    )
+    kind = found['kind'].text(['log', 'prony'])
+    needed = _LOG_KEYS if kind == 'log' else ('shares', 'times_s')
+    allowed = {'kind', 'reference_s', *needed, 'sigma_per_decade' if kind == 'log' else 'to_s'}
+    missing = [name for name in needed if name not in found]
+    if missing:
+        raise entry.error(f'relaxation of kind {kind} lacks {", ".join(missing)}')
+    for name, other in found.items():
+        if name not in allowed:
+            raise other.error(f'{name} does not belong to relaxation of kind {kind}')
+    numbers = {
+        name: found[name].number() for name in found if name not in ('kind', 'shares', 'times_s')
+    }
+    reference, last = numbers.get('reference_s'), numbers.get('to_s')
+    try:
+        if kind == 'log':
+            per_decade, first = numbers['share_per_decade'], numbers['from_s']
+            sigma = 0.0
+            if 'sigma_per_decade' in found:
+                sigma = found['sigma_per_decade'].number(minimum=0.0, maximum=1.0)
+            return log_law(per_decade, first, numbers['to_s'], reference, sigma)
+        shares = np.array([item.number() for item in found['shares'].items()])
+        times = np.array([item.number() for item in found['times_s'].items()])
+        return prony(shares, times, reference or 0.0, last)
+    except RelaxationError as error:
+        raise entry.error(f'relaxation: {error}') from error
 
 
 def _support(entry: Entry, surface: Surface) -> Support:

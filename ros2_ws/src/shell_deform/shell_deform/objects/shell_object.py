@@ -10,6 +10,8 @@ from typing import ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
+from ..theory.relaxation import Relaxation
+
 STANDARD_ATMOSPHERE_PA = 101_325.0
 DEFAULT_CONTROL_VERTICES = 640
 DEFAULT_CONTACT_RADIUS_M = 0.001
@@ -140,6 +142,7 @@ class ShellObject:
     Attributes:
         thickness_m: wall thickness, or its mean where `vertex_thickness_m` is given.
         vertex_thickness_m: (n,) thickness at each vertex of a control mesh, else None.
+        relaxation: how the modulus falls with time, or None for an elastic wall.
         source: where the numbers come from.
     """
 
@@ -154,6 +157,7 @@ class ShellObject:
     contacts: tuple[Contact, ...] = ()
     control_vertices: int = DEFAULT_CONTROL_VERTICES
     vertex_thickness_m: npt.NDArray[np.float64] | None = None
+    relaxation: Relaxation | None = None
     source: str = ''
 
 

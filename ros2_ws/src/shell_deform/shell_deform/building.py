@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from shell_deform.assemble.discretisation import Discretisation, discretise
 from shell_deform.assemble.thick import thick_shell
+from shell_deform.contact.bodies import BodyError
+from shell_deform.contact.body_file import load_body
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
-from shell_deform.objects import ObjectError, ShellObject, Support, object_mesh
+from shell_deform.objects import Contact, ObjectError, ShellObject, Support, object_mesh
 from shell_deform.readout import wall_ratio
 from shell_deform.supports import (
     SupportRows,
@@ -56,6 +58,7 @@ def build_model(
     Raises ObjectError for what the object cannot be: a support where it has no edge, sealed gas in
     an open surface.
     """
+    shell_object = _sized(shell_object)
     mesh = object_mesh(shell_object, control_vertices, refine_at, refine_radius)
     if theory == AUTO:
         model = model_on_mesh(shell_object, mesh)
@@ -72,7 +75,7 @@ def build_model(
 
 def fitting_theory(shell_object: ShellObject, model: ShellModel) -> str:
     """What theory `auto` stands for: thick or koiter, see `build_model`."""
-    if any(contact.kind == 'pad' for contact in shell_object.contacts):
+    if any(contact.kind != 'pin' for contact in shell_object.contacts):
         return KOITER
     return THICK if excess_stiffness(wall_ratio(model)) > WORTH_A_THICK_WALL else KOITER
 
@@ -111,32 +114,88 @@ def object_contacts(
 ) -> tuple[ContactPatch, ...]:
     """Contact patches at the contacts the object declares, of `radius` [m] or their own.
 
-    A pin presses evenly over its radius; a pad is a rigid body and keeps its own.
+    A pin presses evenly over its radius; pads and fingertips are rigid bodies and keep their own.
 
-    Raises ObjectError when it declares none, or one that is further from the object than its own
-    size.
+    Raises ObjectError when it declares none, one that is further from the object than its own
+    size, or a rigid body that starts inside it.
     """
     if not shell_object.contacts:
         raise ObjectError(f'{shell_object.name}: no contacts; add contacts: [{{at_m: …}}]')
+    contacts = _sized(shell_object).contacts
+    # In one load case either all rigid bodies may rub, or none.
+    bodies = any(c.friction > 0.0 or c.kind == 'fingertip' for c in contacts)
     found = []
-    rubbing = any(contact.friction > 0.0 for contact in shell_object.contacts)
-    for number, contact in enumerate(shell_object.contacts):
-        at = np.array(contact.at_m)
-        if contact.kind == 'pad':
-            patch = model.pad(at, contact.radius_m, contact.curvature_radius_m)
-            if rubbing:
-                patch = model.with_friction(patch, contact.friction)
-        else:
-            patch = model.contact(at, radius or contact.radius_m)
-        away = float(np.linalg.norm(at - patch.point)) - 0.5 * shell_object.thickness_m
-        if away > max(contact.radius_m, shell_object.thickness_m):
-            raise ObjectError(
-                f'{shell_object.name}: contact {number + 1}, at_m {list(contact.at_m)}, is '
-                f'{away:.3g} m away from the object, further than its own radius of '
-                f'{contact.radius_m:g} m; give a place on the outer face, in metres'
-            )
+    for number, contact in enumerate(contacts):
+        try:
+            patch = _touching(model, contact, radius)
+        except BodyError as error:
+            raise ObjectError(f'{shell_object.name}: contact {number + 1}: {error}') from error
+        if bodies:
+            patch = model.with_friction(patch, contact.friction)
+        _refuse_misplaced(shell_object, model, number + 1, contact, patch)
         found.append(patch)
     return tuple(found)
+
+
+def _touching(model: ShellModel, contact: Contact, radius: float | None) -> ContactPatch:
+    at = np.array(contact.at_m)
+    if contact.finger is not None:
+        body = load_body(contact.finger.body, contact.finger.unit)
+        return model.touched_by(
+            body.shape,
+            at,
+            body.size,
+            None if contact.finger.along is None else np.array(contact.finger.along),
+            contact.friction,
+            None if contact.finger.towards is None else np.array(contact.finger.towards),
+        )
+    if contact.kind == 'pad':
+        return model.pad(at, contact.radius_m, contact.curvature_radius_m)
+    return model.contact(at, radius or contact.radius_m)
+
+
+def _refuse_misplaced(
+    shell_object: ShellObject,
+    model: ShellModel,
+    number: int,
+    contact: Contact,
+    patch: ContactPatch,
+) -> None:
+    """Raise ObjectError for a contact that is not on the object's outer face."""
+    at, wall = np.array(contact.at_m), shell_object.thickness_m
+    where = f'{shell_object.name}: contact {number}, at_m {list(contact.at_m)}, '
+    away = float(np.linalg.norm(at - patch.point)) - 0.5 * wall
+    if away > max(contact.radius_m, wall):
+        raise ObjectError(
+            f'{where}is {away:.3g} m away from the object, further than its own radius of '
+            f'{contact.radius_m:g} m; give a place on the outer face, in metres'
+        )
+    if contact.kind == 'pin':
+        return
+    inside = float((at - patch.point) @ patch.axis) + 0.5 * wall
+    if contact.finger is not None and contact.finger.towards is not None:
+        assert patch.body is not None
+        pose = patch.body.posed(0.0, np.zeros(6))
+        face = model.outer_face.positions(model.rest)
+        inside = -float(pose.distance(patch.body.shape, face).value.min())
+    if inside > wall:
+        raise ObjectError(
+            f'{where}starts {inside:.3g} m inside the object; move it out by that, to where it '
+            'only touches, or let it face the other way'
+        )
+
+
+def _sized(shell_object: ShellObject) -> ShellObject:
+    """The object whose fingertips have the size of their bodies."""
+    if all(contact.finger is None for contact in shell_object.contacts):
+        return shell_object
+    contacts = tuple(
+        contact
+        if contact.finger is None
+        else replace(contact, radius_m=load_body(contact.finger.body, contact.finger.unit).size)
+        for contact in shell_object.contacts
+    )
+    return replace(shell_object, contacts=contacts)
 
 
 def with_material(

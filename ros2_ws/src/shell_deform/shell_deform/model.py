@@ -170,16 +170,21 @@ class ShellModel:
         size: float,
         along: Array | None = None,
         friction: float = 0.0,
+        towards: Array | None = None,
     ) -> ContactPatch:
         """Rigid body that touches the outer face nearest to `at` (3,) [m] with its origin.
 
         Its z axis is the inward normal there, its x axis as near to `along` (3,) as that allows.
-        `size` [m]: of its face; where no friction holds it, the middle of the patch it first lies
-        on is held instead. Raises BodyError for a body that cannot be.
+        Where it is said to face `towards` (3,) its z axis is that, and its origin `at` itself: a
+        body may touch beside it. `size` [m]: of its face; where no friction holds it, the middle
+        of the patch it first lies on is held instead. Raises BodyError for a body that cannot be.
         """
         patch, origin = self._first_touched(at, size)
-        body = Body(shape, origin, frame_of(patch.axis, along), patch.axis, friction)
-        return replace(patch, body=body)
+        axis = patch.axis
+        if towards is not None:
+            origin, axis = np.asarray(at, dtype=float), towards / np.linalg.norm(towards)
+        body = Body(shape, origin, frame_of(axis, along), axis, friction)
+        return replace(patch, axis=axis, body=body)
 
     def _first_touched(self, at: Array, size: float) -> tuple[ContactPatch, Array]:
         """The patch of a body of this size [m], and the point (3,) of the outer face under it."""

@@ -16,8 +16,11 @@ from shell_deform.contact.bodies import (
     plate,
     rod,
 )
+from shell_deform.contact.fingertip import Fingertip
 
+TIP = Fingertip(0.0, 0.012, 0.02, ((0.1, 0.15), (0.008, 1.4)), 0.016, 0.02, 0.002)
 SHAPES = {
+    'fingertip': TIP,
     'flat bar': RoundBar(0.02),
     'capped bar': RoundBar(0.02, 1.0 / 0.03),
     'ball': ball(0.01),

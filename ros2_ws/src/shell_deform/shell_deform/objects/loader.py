@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..theory.relaxation import Relaxation, RelaxationError, log_law, prony
+from .file_mesh import UNIT_M
+from .finger_files import body_names, find_body
 from .shell_object import (
     DEFAULT_CONTACT_RADIUS_M,
     DEFAULT_CONTROL_VERTICES,
@@ -19,6 +21,7 @@ from .shell_object import (
     Contact,
     Cylinder,
     Ellipsoid,
+    Finger,
     Gas,
     HalfCylinder,
     HeightField,
@@ -95,7 +98,7 @@ def _read(root: Entry, folder: Path) -> ShellObject:
         ),
         gas=_gas(entries['gas'], surface) if 'gas' in entries else Gas(),
         supports=tuple(_support(entry, surface) for entry in _list(entries, 'supports')),
-        contacts=tuple(_contact(entry, surface) for entry in _list(entries, 'contacts')),
+        contacts=tuple(_contact(entry, surface, folder) for entry in _list(entries, 'contacts')),
         control_vertices=(
             entries['control_vertices'].whole(12, 1_000_000)
             if 'control_vertices' in entries
@@ -292,10 +295,17 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _contact(entry: Entry, surface: Surface) -> Contact:
-    found = entry.mapping(['at_m'], ['radius_m', 'kind', 'curvature_radius_m', 'friction'])
+def _contact(entry: Entry, surface: Surface, folder: Path) -> Contact:
+    rounds = ('radius_m', 'curvature_radius_m')
+    fingers = ('body', 'unit', 'along', 'towards')
+    found = entry.mapping(['at_m'], [*rounds, 'kind', 'friction', *fingers])
     x, y, z = (value.number(minimum=-1000, maximum=1000) for value in found['at_m'].items(3))
-    kind = cast(Any, found['kind'].text(['pin', 'pad']) if 'kind' in found else 'pin')
+    kinds = ('pin', 'pad', 'fingertip')
+    kind = cast(Any, found['kind'].text(kinds) if 'kind' in found else 'pin')
+    for key in fingers if kind != 'fingertip' else rounds:
+        if key in found:
+            needed = 'kind: pin or pad' if kind == 'fingertip' else 'kind: fingertip'
+            raise found[key].error(f'{key} needs {needed}, not {kind}')
     largest = smallest_radius(surface) if kind == 'pin' else 1000.0
     radius = DEFAULT_CONTACT_RADIUS_M
     if 'radius_m' in found:
@@ -308,6 +318,34 @@ def _contact(entry: Entry, surface: Surface) -> Contact:
     friction = 0.0
     if 'friction' in found:
         friction = found['friction'].number(minimum=0.0, maximum=10.0)
-        if friction > 0.0 and kind != 'pad':
-            raise found['friction'].error('friction needs kind: pad, not pin')
-    return Contact((x, y, z), radius, kind, curvature, friction)
+        if friction > 0.0 and kind == 'pin':
+            raise found['friction'].error('friction needs kind: pad or fingertip, not pin')
+    finger = _finger(entry, found, folder) if kind == 'fingertip' else None
+    return Contact((x, y, z), radius, kind, curvature, friction, finger)
+
+
+def _finger(entry: Entry, found: dict[str, Entry], folder: Path) -> Finger:
+    if 'body' not in found:
+        raise entry.error(
+            f'kind: fingertip needs a body: {", ".join(body_names())}, or a body file'
+        )
+    file = find_body(found['body'].text(), folder)
+    if file is None:
+        raise found['body'].error(
+            f'there is no body {found["body"].text()!r}; give a file, or one of '
+            f'{", ".join(body_names())}'
+        )
+    unit = found['unit'].text(UNIT_M) if 'unit' in found else None
+    if 'unit' in found and file.suffix.lower() in ('.yaml', '.yml'):
+        raise found['unit'].error('unit is that of a mesh; a parameter file has its own')
+    along, towards = (_direction(found.get(key)) for key in ('along', 'towards'))
+    return Finger(file, unit, along, towards)
+
+
+def _direction(entry: Entry | None) -> tuple[float, float, float] | None:
+    if entry is None:
+        return None
+    x, y, z = (value.number(minimum=-1e6, maximum=1e6) for value in entry.items(3))
+    if x == y == z == 0.0:
+        raise entry.error(f'{entry.key} is a direction; it cannot be [0, 0, 0]')
+    return x, y, z

@@ -121,18 +121,36 @@ class Support:
 
 
 @dataclass(frozen=True)
+class Finger:
+    """Which fingertip touches, and how it lies.
+
+    Attributes:
+        body: the file of its shape. unit: of a mesh file's numbers, None for a parameter file.
+        along: direction of the finger, to its tip; None for any. towards: where the pad faces;
+            None for the inward normal.
+    """
+
+    body: Path
+    unit: str | None = None
+    along: tuple[float, float, float] | None = None
+    towards: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
 class Contact:
     """A place where the object is touched, on its outer face.
 
     A pin presses evenly over its radius. A pad is a rigid body with a rim of that radius and a
-    flat face, or one of `curvature_radius_m`, and a coefficient of friction.
+    flat face, or one of `curvature_radius_m`; a fingertip is one of any shape. Pads and fingertips
+    have a coefficient of friction.
     """
 
     at_m: tuple[float, float, float]
     radius_m: float
-    kind: Literal['pin', 'pad']
+    kind: Literal['pin', 'pad', 'fingertip']
     curvature_radius_m: float | None = None
     friction: float = 0.0
+    finger: Finger | None = None
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,7 @@ from shell_deform.compiled.kernel_types import (
     kernel,
 )
 from shell_deform.theory.thick_law_kernels import (
+    WORK_SHAPE,
     eliminate_thickness,
     solve_thickness,
     wall_stress,
@@ -46,6 +47,7 @@ from shell_deform.theory.thick_law_kernels import (
 from shell_deform.theory.thick_strain_kernels import (
     add_director_hessian,
     add_metric_hessian,
+    add_transposed_product,
     director_numbers,
     metric_numbers,
 )
@@ -74,63 +76,46 @@ ThickMaterial = types.Tuple((Float, Float, Float, Float))
 def point_work() -> Any:
     """Work space of `wall_point`."""
     return (
-        floats(12, 0.0), float_rows(12, 21), float_rows(10, 3), floats(12, 0.0),
-        float_rows(12, 12), float_rows(9, 12), float_rows(5, 3), floats(2, 0.0),
-        float_rows(31, 6), floats(12, 0.0), float_rows(14, 14), float_rows(2, 12),
-        float_rows(12, 12), float_rows(12, 21), floats(12, 0.0),
+        floats(12, 0.0), float_rows(12, 24), float_rows(10, 3), floats(12, 0.0),
+        float_rows(12, 24), float_rows(9, 12), float_rows(9, 24), floats(2, 0.0),
+        float_rows(*WORK_SHAPE), floats(12, 0.0), float_rows(14, 14), float_rows(2, 12),
+        float_rows(12, 24), float_rows(12, 24), floats(12, 0.0),
     )  # fmt: skip
 
 
-@kernel(
-    Void, FloatRows, Floats, Floats, Int, Int, Int, Bool, FloatRows, FloatRows, FloatRows,
-    PointWork,
-)  # fmt: skip
-def _set_hessian(
-    q: Any, shear: Any, axis: Any, numbers: int, strains: int, unknowns: int, sheared: bool,
-    hessian: Any, hess_m: Any, mixed: Any, work: Any,
-) -> None:  # fmt: skip
+@kernel(Void, FloatRows, Floats, Floats, Bool, FloatRows, PointWork)
+def _set_hessian(q: Any, shear: Any, axis: Any, sheared: bool, hessian: Any, work: Any) -> None:
     """The Hessian of `wall_point`: J^T D J and the curvature of the strains themselves."""
     m, jac_m, turned, s, jac_s, between, inner, lk, solve, stress, tangent, follow = work[:12]
-    by_m = work[14]
+    hess_m, mixed, by_m = work[12], work[13], work[14]
+    mixed[:, :] = 0.0
     hess_m[:, :] = 0.0
-    for k in range(strains):
-        for j in range(numbers):
-            value = 0.0
-            for i in range(strains):
-                value += tangent[k, i] * jac_s[i, j]
-            mixed[k, j] = value
-    for i in range(numbers):
-        for j in range(numbers):
-            value = 0.0
-            for k in range(strains):
-                value += jac_s[k, i] * mixed[k, j]
-            hess_m[i, j] = value
+    add_transposed_product(tangent, jac_s, 12, mixed)
+    add_transposed_product(jac_s, mixed, 12, hess_m)
     add_metric_hessian(m, stress, between, inner, sheared, hess_m)
-    for k in range(numbers):
-        row = mixed[k]
-        for j in range(unknowns):
-            row[j] = 0.0
-        for i in range(numbers):
-            factor, source = hess_m[k, i], jac_m[i]
-            for j in range(unknowns):
-                row[j] += factor * source[j]
+    mixed[:, :] = 0.0
     hessian[:, :] = 0.0
-    for k in range(numbers):
-        source = mixed[k]
-        for i in range(unknowns):
-            factor = jac_m[k, i]
-            if factor != 0.0:
-                row = hessian[i]
-                for j in range(unknowns):
-                    row[j] += factor * source[j]
-    for j in range(numbers):
-        value = 0.0
-        for k in range(strains):
-            value += stress[k] * jac_s[k, j]
-        by_m[j] = value
-    for j in range(numbers, 12):
-        by_m[j] = 0.0
+    add_transposed_product(hess_m, jac_m, 12, mixed)
+    add_transposed_product(jac_m, mixed, 21, hessian)
     add_director_hessian(q, shear, axis, by_m, jac_m, turned, hessian)
+
+
+@kernel(Void, Floats, FloatRows, FloatRows, Floats, Floats)
+def _set_pulled_back(by_s: Any, jac_s: Any, jac_m: Any, by_m: Any, by_y: Any) -> None:
+    """by_m (12,) and by_y (21,) = by_s jac_s jac_m of a derivative by_s (12,) by the strains."""
+    for j in range(12):
+        by_m[j] = 0.0
+    for k in range(12):
+        factor, source = by_s[k], jac_s[k]
+        for j in range(12):
+            by_m[j] += factor * source[j]
+    for j in range(21):
+        by_y[j] = 0.0
+    for k in range(12):
+        factor, source = by_m[k], jac_m[k]
+        if factor != 0.0:
+            for j in range(21):
+                by_y[j] += factor * source[j]
 
 
 @kernel(
@@ -144,57 +129,38 @@ def wall_point(
 ) -> float:  # fmt: skip
     """Strain energy of a point per middle area; NaN where its wall has no equilibrium.
 
-    `force` (21,) and, if `stiff`, `hessian` (21, 21): its derivatives by (q, shear). `pressed`:
+    `force` (21,) and, if `stiff`, `hessian` (21, 21 of 24): its derivatives by (q, shear). `pressed`:
     under the pressure `push` of a pin along `axis`; `reach` (21,) is then the derivative of the
     outer face's height over the middle surface. `face`: lambda, kappa, that height [m], and the
     squeeze compliance of the point [m/Pa].
     """
     m, jac_m, turned, s, jac_s, between, inner, lk, solve, stress, tangent, follow = work[:12]
-    hess_m, mixed, by_m = work[12], work[13], work[14]
-    numbers = 12 if pressed else (11 if sheared else 7)
-    strains = 12 if pressed else (11 if sheared else 9)
-    unknowns = 21 if sheared else 15
+    mixed, by_m = work[13], work[14]
     director_numbers(q, shear, axis, m, jac_m, turned)
     metric_numbers(m, s, jac_s, between, inner)
     lk[0], lk[1] = 1.0, 0.0
-    energy = solve_thickness(s, curvature, h, modulus, bulk, push, s[11], lk, solve)
-    if not np.isfinite(energy):
+    if not solve_thickness(s, curvature, h, modulus, bulk, push, s[11], lk, solve):
         return np.nan
-    energy = wall_stress(s, curvature, h, modulus, bulk, push, s[11], lk, stress, tangent, solve)
+    curved = pressed or stiff
+    energy = wall_stress(sheared, curved, s, h, push, s[11], lk, stress, tangent, solve)
     top = h * (0.5 * lk[0] + 0.25 * lk[1])
     face[0], face[1], face[2], face[3] = lk[0], lk[1], s[11] * top, 0.0
-    for j in range(numbers):
-        value = 0.0
-        for k in range(strains):
-            value += stress[k] * jac_s[k, j]
-        by_m[j] = value
-    for j in range(unknowns):
-        value = 0.0
-        for k in range(numbers):
-            value += by_m[k] * jac_m[k, j]
-        force[j] = value
-    if pressed or stiff:
-        eliminate_thickness(strains, tangent, follow)
+    _set_pulled_back(stress, jac_s, jac_m, by_m, force)
+    if curved:
+        eliminate_thickness(12, tangent, follow)
     if pressed:
         p, c, r = tangent[12, 12], tangent[12, 13], tangent[13, 13]
         half, quarter = 0.5 * h, 0.25 * h
         face[3] = s[11] ** 2 * (
             (r * half * half - 2.0 * c * half * quarter + p * quarter * quarter) / (p * r - c * c)
         )
-        for j in range(numbers):
-            value = top * jac_s[11, j]
-            for k in range(strains):
-                value -= s[11] * (half * follow[0, k] + quarter * follow[1, k]) * jac_s[k, j]
-            by_m[j] = value
-        for j in range(unknowns):
-            value = 0.0
-            for k in range(numbers):
-                value += by_m[k] * jac_m[k, j]
-            reach[j] = value
+        by_s = mixed[0]
+        for k in range(12):
+            by_s[k] = -s[11] * (half * follow[0, k] + quarter * follow[1, k])
+        by_s[11] += top
+        _set_pulled_back(by_s, jac_s, jac_m, mixed[1], reach)
     if stiff:
-        _set_hessian(
-            q, shear, axis, numbers, strains, unknowns, sheared, hessian, hess_m, mixed, work
-        )
+        _set_hessian(q, shear, axis, sheared, hessian, work)
     return energy - push * s[11] * top
 
 
@@ -224,49 +190,54 @@ def scatter_shear(
             gradient[nodes[k], a] += weight * value
 
 
-@kernel(Void, FloatRows, Int, FloatRows, Int, Int, FloatRows, FloatRows, FloatRows)
-def add_shear_stiffness(
-    rows: Any, controls: int, shear_rows: Any, first: int, shears: int, hessian: Any,
-    respond_to: Any, stiffness: Any,
+@kernel(Void, Int, Int, FloatRows, Int, FloatRows, FloatRows, FloatRows)
+def respond_to_shear(
+    controls: int, shears: int, shear_rows: Any, first: int, hessian: Any, forces: Any,
+    response: Any,
 ) -> None:  # fmt: skip
-    """Add a point's blocks of shear nodes with control points and with each other.
+    """Forces per component of every shear node, after those of `respond` in the same order.
 
-    `respond_to` (., 42): forces (21,) per component of every shear node; work space.
+    Row 2 k + a of `forces` (., 24): all forces (21,) of a point per component a of node k.
     """
+    h_0, h_1, h_2 = hessian[15], hessian[16], hessian[17]
+    h_3, h_4, h_5 = hessian[18], hessian[19], hessian[20]
     for k in range(shears):
-        row = shear_rows[first + k]
-        target = respond_to[k]
+        row, at = shear_rows[first + k], 9 * (controls + k)
         for a in range(2):
-            for i in range(21):
-                value = 0.0
-                for j in range(6):
-                    value += hessian[i, 15 + j] * row[2 * j + a]
-                target[21 * a + i] = value
-    for k in range(controls):
-        r_0, r_1, r_2, r_3, r_4 = rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4]
-        out = stiffness[k]
-        for m in range(shears):
-            source, at = respond_to[m], 9 * (controls + m)
+            r_0, r_1, r_2, r_3 = row[a], row[2 + a], row[4 + a], row[6 + a]
+            r_4, r_5 = row[8 + a], row[10 + a]
+            force = forces[2 * k + a]
+            for j in range(24):
+                force[j] = (
+                    r_0 * h_0[j] + r_1 * h_1[j] + r_2 * h_2[j]
+                    + r_3 * h_3[j] + r_4 * h_4[j] + r_5 * h_5[j]
+                )  # fmt: skip
+            for d in range(5):
+                for i in range(3):
+                    response[d, at + 3 * i + a] = force[3 * d + i]
+        for d in range(5):
             for i in range(3):
-                for a in range(2):
-                    base = 21 * a + i
-                    out[at + 3 * i + a] += (
-                        r_0 * source[base]
-                        + r_1 * source[base + 3]
-                        + r_2 * source[base + 6]
-                        + r_3 * source[base + 9]
-                        + r_4 * source[base + 12]
-                    )
+                response[d, at + 3 * i + 2] = 0.0
+        # Nothing of the gas, and nothing of an element that had more control points.
+        response[5, at : at + 9] = 0.0
+
+
+@kernel(Void, Int, Int, FloatRows, Int, FloatRows, FloatRows)
+def add_shear_stiffness(
+    controls: int, shears: int, shear_rows: Any, first: int, forces: Any, stiffness: Any
+) -> None:
+    """Add a point's blocks of shear nodes with each other, on and above the diagonal."""
     for k in range(shears):
         row, out = shear_rows[first + k], stiffness[controls + k]
         for m in range(k, shears):
-            source, at = respond_to[m], 9 * (controls + m)
+            f, g, at = forces[2 * m], forces[2 * m + 1], 9 * (controls + m)
             for i in range(2):
-                for a in range(2):
-                    value = 0.0
-                    for j in range(6):
-                        value += row[2 * j + i] * source[21 * a + 15 + j]
-                    out[at + 3 * i + a] += value
+                value_0, value_1 = 0.0, 0.0
+                for j in range(6):
+                    value_0 += row[2 * j + i] * f[15 + j]
+                    value_1 += row[2 * j + i] * g[15 + j]
+                out[at + 3 * i] += value_0
+                out[at + 3 * i + 1] += value_1
 
 
 @kernel(Void, FloatRows, Floats, FloatRows, Int, Int, Floats, Floats, Floats, Floats)
@@ -335,9 +306,9 @@ def thick_tangent(
         largest = max(largest, offsets[element + 1] - offsets[element])
     work, x, no_axis = point_work(), floats(3, 0.0), floats(3, 0.0)
     q, shear, face = float_rows(5, 3), floats(6, 0.0), floats(4, 0.0)
-    force, reach, hessian = floats(21, 0.0), floats(21, 0.0), float_rows(21, 21)
+    force, reach, hessian = floats(21, 0.0), floats(21, 0.0), float_rows(21, 24)
     stiffness = float_rows(largest if stiff else 0, 9 * largest)
-    response, respond_to = float_rows(6, 9 * largest), float_rows(largest, 42)
+    response, forces = float_rows(6, 9 * largest), float_rows(2 * largest, 24)
     ordered, mixed = float_rows(5, 45), floats(45, 0.0)
     spread, spreads = floats(3 * largest, 0.0), floats(3 * largest, 0.0)
     total = 0.0
@@ -397,12 +368,11 @@ def thick_tangent(
             if pressure != 0.0:
                 gather_place(corners, value, positions, x)
                 add_gas_response(-pressure * weight / 3.0, row, value, x, q, response)
-            for k in range(controls):
-                add_rows(row[k], value[k], response, 9 * k, 9 * controls, stiffness[k])
             if shears > 0:
-                add_shear_stiffness(
-                    row, controls, shear_rows, first, shears, hessian, respond_to, stiffness
-                )
+                respond_to_shear(controls, shears, shear_rows, first, hessian, forces, response)
+                add_shear_stiffness(controls, shears, shear_rows, first, forces, stiffness)
+            for k in range(controls):
+                add_rows(row[k], value[k], response, 9 * k, 9 * (controls + shears), stiffness[k])
         if soft > 0.0:
             # One pressure for all pressed points of the element, eliminated from its own equation.
             for k in range(size):
@@ -438,7 +408,7 @@ def point_states(
     modulus, bulk, unit, compliance = material
     work, x, no_axis = point_work(), floats(3, 0.0), floats(3, 0.0)
     q, shear, face = float_rows(5, 3), floats(6, 0.0), floats(4, 0.0)
-    force, reach, hessian = floats(21, 0.0), floats(21, 0.0), float_rows(21, 21)
+    force, reach, hessian = floats(21, 0.0), floats(21, 0.0), float_rows(21, 24)
     for k in range(len(chosen)):
         p, element = chosen[k], element_of[k]
         own = nodes[offsets[element] : offsets[element + 1]]

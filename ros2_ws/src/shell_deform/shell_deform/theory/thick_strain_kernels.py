@@ -194,7 +194,7 @@ def metric_numbers(m: Any, s: Any, jac: Any, between: Any, work: Any) -> None:
     """Strains s (12,) and their derivative (12, 12) from m (12,).
 
     `between` (9, 12): rows U_1 .. X with their derivatives by m, values in its last row. `work`
-    (2, 3) keeps the inverse metric and v^c_b = a^cd v_db.
+    (9, 24) keeps the inverse metric in its first row.
     """
     a_1, a_2, a_12 = m[0], m[1], m[2]
     v_11, v_12, v_21, v_22, r_1, r_2, w_1, w_2 = m[3], m[4], m[5], m[6], m[7], m[8], m[9], m[10]
@@ -277,14 +277,21 @@ def metric_numbers(m: Any, s: Any, jac: Any, between: Any, work: Any) -> None:
     jac[11, 11] = i_1
 
 
-@kernel(Void, FloatRows, Floats, Floats, Float)
-def _add_outer(h: Any, a: Any, b: Any, factor: float) -> None:
-    """Add factor (a b^T + b a^T) to h (12, 12); vectors (12,)."""
-    if factor == 0.0:
-        return
-    for i in range(12):
-        for j in range(12):
-            h[i, j] += factor * (a[i] * b[j] + b[i] * a[j])
+@kernel(Void, FloatRows, FloatRows, Int, FloatRows)
+def add_transposed_product(left: Any, right: Any, count: int, out: Any) -> None:
+    """Add left^T right to the first `count` rows of out; `right` and `out` are (4 k, 24), (., 24).
+
+    Four rows at once over 24 columns, however many count: loops of this length become vector code,
+    shorter ones are unrolled into scalars.
+    """
+    for k in range(0, len(right), 4):
+        r_0, r_1, r_2, r_3 = right[k], right[k + 1], right[k + 2], right[k + 3]
+        l_0, l_1, l_2, l_3 = left[k], left[k + 1], left[k + 2], left[k + 3]
+        for i in range(count):
+            f_0, f_1, f_2, f_3 = l_0[i], l_1[i], l_2[i], l_3[i]
+            row = out[i]
+            for j in range(24):
+                row[j] += f_0 * r_0[j] + f_1 * r_1[j] + f_2 * r_2[j] + f_3 * r_3[j]
 
 
 @kernel(Void, FloatRows, Int, Int, Float)
@@ -362,30 +369,32 @@ def add_metric_hessian(
     by_k_1, by_k_2 = -i_3 * on_k_1 - i_4 * square_1, -i_3 * on_k_2 - i_4 * square_2
     by_x = -0.5 * i_3 * linear + 1.5 * i_5 * turned - i_4 * forms + 2.0 * i_6 * squares
     by_xx = 0.75 * i_5 * linear - 3.75 * i_7 * turned + 2.0 * i_6 * forms - 6.0 * i_8 * squares
-    # Second derivatives between the rows.
-    _add_outer(h, t[X], t[X], 0.5 * by_xx)
-    with_x = work[1:5].reshape(12)
+    # Second derivatives between the rows: the force on each of them per change of m. Two rows take
+    # the place of those of M, which are needed no more.
+    forces, on_x = work[1:9], t[M_11]
     for j in range(12):
-        with_x[j] = (
-            (1.5 * i_5 * on_u_1 - 0.5 * i_3 * stress[9]) * t[U_1, j]
-            + (1.5 * i_5 * on_u_2 - 0.5 * i_3 * stress[10]) * t[U_2, j]
-            + (1.5 * i_5 * on_k_1 + 2.0 * i_6 * square_1) * t[K_1, j]
-            + (1.5 * i_5 * on_k_2 + 2.0 * i_6 * square_2) * t[K_2, j]
+        u_1j, u_2j, k_1j, k_2j, x_j = t[U_1, j], t[U_2, j], t[K_1, j], t[K_2, j], t[X, j]
+        on_x[j] = (
+            (1.5 * i_5 * on_u_1 - 0.5 * i_3 * stress[9]) * u_1j
+            + (1.5 * i_5 * on_u_2 - 0.5 * i_3 * stress[10]) * u_2j
+            + (1.5 * i_5 * on_k_1 + 2.0 * i_6 * square_1) * k_1j
+            + (1.5 * i_5 * on_k_2 + 2.0 * i_6 * square_2) * k_2j
             - i_4 * (e_1 * t[M_11, j] + e_2 * t[M_22, j] + e_12 * t[M_12, j])
         )
-    with_x[3] -= 0.5 * i_3 * s_3
-    with_x[6] -= 0.5 * i_3 * s_4
-    with_x[4] -= 0.5 * i_3 * s_5
-    with_x[5] -= 0.5 * i_3 * s_5
-    with_x[11] -= 0.5 * i_3 * stress[11]
-    _add_outer(h, t[X], with_x, 1.0)
-    _add_outer(h, t[U_1], t[K_1], -i_3 * s_3)
-    _add_outer(h, t[U_2], t[K_2], -i_3 * s_4)
-    _add_outer(h, t[U_1], t[K_2], -i_3 * s_5)
-    _add_outer(h, t[U_2], t[K_1], -i_3 * s_5)
-    _add_outer(h, t[K_1], t[K_1], -i_4 * e_1)
-    _add_outer(h, t[K_2], t[K_2], -i_4 * e_2)
-    _add_outer(h, t[K_1], t[K_2], -i_4 * e_12)
+        forces[U_1, j] = -i_3 * (s_3 * k_1j + s_5 * k_2j)
+        forces[U_2, j] = -i_3 * (s_5 * k_1j + s_4 * k_2j)
+        forces[K_1, j] = -i_3 * (s_3 * u_1j + s_5 * u_2j) - i_4 * (2.0 * e_1 * k_1j + e_12 * k_2j)
+        forces[K_2, j] = -i_3 * (s_5 * u_1j + s_4 * u_2j) - i_4 * (e_12 * k_1j + 2.0 * e_2 * k_2j)
+        forces[M_11, j], forces[M_22, j], forces[M_12, j] = x_j, 0.0, 0.0
+        forces[X, j] = by_xx * x_j
+    on_x[3] -= 0.5 * i_3 * s_3
+    on_x[6] -= 0.5 * i_3 * s_4
+    on_x[4] -= 0.5 * i_3 * s_5
+    on_x[5] -= 0.5 * i_3 * s_5
+    on_x[11] -= 0.5 * i_3 * stress[11]
+    for j in range(12):
+        forces[X, j] += on_x[j]
+    add_transposed_product(t[:8], forces, 12, h)
     # Second derivatives of the rows themselves.
     w_1, w_2 = m[9], m[10]
     _add_pair(h, 0, 9, by_u_1 + 2.0 * w_1 * by_x)

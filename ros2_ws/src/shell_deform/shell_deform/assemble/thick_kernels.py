@@ -129,7 +129,7 @@ def wall_point(
 ) -> float:  # fmt: skip
     """Strain energy of a point per middle area; NaN where its wall has no equilibrium.
 
-    `force` (21,) and, if `stiff`, `hessian` (21, 21 of 24): its derivatives by (q, shear). `pressed`:
+    `force` (21,) and, if `stiff`, `hessian` (21, 21 of 24): derivatives by (q, shear). `pressed`:
     under the pressure `push` of a pin along `axis`; `reach` (21,) is then the derivative of the
     outer face's height over the middle surface. `face`: lambda, kappa, that height [m], and the
     squeeze compliance of the point [m/Pa].

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The model side of a comparison: a deformed shell, its outer face and its dent region.
 
-The solver works on the middle surface; a scanner sees the outer face, which lies half a
-thickness further along the deformed normal.
+The solver works on the middle surface; a scanner sees the outer face. That of a thin wall lies
+half a thickness further along the deformed normal; that of a thick one, which shears and gets
+thinner under a pin, comes from the solver and is the limit surface itself.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -36,7 +37,7 @@ class SurfaceSamples:
     """Points spread over the limit surface, each standing for `area` [m^2] of the outer face.
 
     triangle (s,), parameters (s, 2): where they lie; position (s, 3): on the outer face [m];
-    normal (s, 3): outward; displacement (s,): of the middle surface [m].
+    normal (s, 3): outward; displacement (s,): of the limit surface [m].
     """
 
     triangle: np.ndarray
@@ -74,13 +75,15 @@ class DeformedSurface:
     """A shell at rest and deformed.
 
     limit: the Loop surface of the control mesh; rest, deformed: control points (n, 3) [m];
-    thickness: h [m]. Raises SurfaceError if they do not fit.
+    thickness: h [m]; is_outer: whether the limit surface is the outer face, else it is the middle
+    surface. Raises SurfaceError if they do not fit.
     """
 
     limit: LimitSurface
     rest: np.ndarray
     deformed: np.ndarray
     thickness: float
+    is_outer: bool = False
 
     def __post_init__(self) -> None:
         n = self.limit.mesh.vertex_count
@@ -101,12 +104,12 @@ class DeformedSurface:
 
     @property
     def offset(self) -> float:
-        """Distance [m] from the middle surface to the outer face."""
-        return 0.5 * self.thickness
+        """Distance [m] from the limit surface to the outer face."""
+        return 0.0 if self.is_outer else 0.5 * self.thickness
 
     def at_rest(self) -> DeformedSurface:
         """Return the same shell without any deformation."""
-        return DeformedSurface(self.limit, self.rest, self.rest, self.thickness)
+        return replace(self, deformed=self.rest)
 
     @cached_property
     def samples(self) -> SurfaceSamples:
@@ -135,7 +138,7 @@ class DeformedSurface:
 
     @cached_property
     def max_displacement(self) -> float:
-        """Largest displacement [m] of the middle surface, over samples and vertices."""
+        """Largest displacement [m] of the limit surface, over samples and vertices."""
         matrix = self.limit.limit_matrix
         at_vertices = np.linalg.norm(matrix @ (self.deformed - self.rest), axis=1)
         used = np.unique(self.mesh.triangles[self.mesh.active])
@@ -172,6 +175,30 @@ def surface_from_limit_positions(
         )
     rest_control = mesh.vertices if rest is None else limit.control_points(rest)
     return DeformedSurface(limit, rest_control, limit.control_points(deformed), thickness)
+
+
+def surface_of_outer_face(
+    limit: LimitSurface, rest: np.ndarray, deformed: np.ndarray, thickness: float
+) -> DeformedSurface:
+    """Build a DeformedSurface from points (n, 3) of the outer face over the control vertices [m].
+
+    The smooth surface through them is the outer face. Raises SurfaceError.
+    """
+    for points in (rest, deformed):
+        if points.shape != (limit.mesh.vertex_count, 3):
+            raise SurfaceError(
+                f'{len(points)} points of the outer face for a control mesh of '
+                f'{limit.mesh.vertex_count} vertices; surface and object do not belong together'
+            )
+    return DeformedSurface(
+        limit, limit.control_points(rest), limit.control_points(deformed), thickness, True
+    )
+
+
+def outer_face_at_rest(limit: LimitSurface, rest: np.ndarray, thickness: float) -> np.ndarray:
+    """Points (n, 3) [m] of the outer face over limit positions at rest (n, 3) [m]."""
+    normals = limit.vertex_normals(limit.control_points(rest))
+    return np.asarray(rest + 0.5 * thickness * normals)
 
 
 def published_mesh(triangles: np.ndarray, rest: np.ndarray) -> ControlMesh:

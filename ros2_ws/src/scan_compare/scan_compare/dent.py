@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
@@ -95,9 +96,7 @@ def contacts_of(surface: DeformedSurface) -> Contacts:
     if deep.size == 0:
         return Contacts(np.empty((0, 3)), np.empty((0, 3)))
     at_rest = rest.evaluate(samples.triangle[deep], samples.parameters[deep])
-    link = 3.0 * float(np.sqrt(samples.area[deep].max()))
-    graph = cKDTree(at_rest.position).sparse_distance_matrix(cKDTree(at_rest.position), link)
-    count, label = connected_components(graph, directed=False)
+    count, label = _parts(at_rest.position, 3.0 * float(np.sqrt(samples.area[deep].max())))
     points, inward = [], []
     for dent in range(count):
         members = np.flatnonzero(label == dent)
@@ -113,6 +112,19 @@ def contacts_of(surface: DeformedSurface) -> Contacts:
         inward.append(-normal / np.linalg.norm(normal))
     order = np.lexsort(np.round(np.array(points), 5).T)
     return Contacts(np.array(points)[order], np.array(inward)[order])
+
+
+def _parts(points: np.ndarray, link: float) -> tuple[int, np.ndarray]:
+    """Return how many parts points (n, 3) make that are linked up to `link` [m], and each one's.
+
+    One point of every small cell stands for it: graded meshes have thousands within a link.
+    """
+    cells = np.floor(points / (0.25 * link)).astype(np.int64)
+    _, first, of_cell = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    pairs = cKDTree(points[first]).query_pairs(link, output_type='ndarray')
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), (len(first), len(first)))
+    count, label = connected_components(graph, directed=False)
+    return int(count), label[of_cell.reshape(-1)]
 
 
 def body_motion(surface: DeformedSurface) -> Pose:

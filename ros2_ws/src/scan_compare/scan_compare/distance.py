@@ -17,7 +17,7 @@ class Distances:
 
     triangle (n,), parameters (n, 2): where the foot lies; foot, normal (n, 3) [m]; distance (n,)
     signed, positive outside [m]; beside (n,): the point lies beyond the edge of an open surface,
-    its distance is not one along the normal; displacement (n,): of the middle surface at the
+    its distance is not one along the normal; displacement (n,): of the limit surface at the
     foot [m], interpolated between the control vertices.
     """
 
@@ -55,7 +55,7 @@ def measure(surface: DeformedSurface, points: np.ndarray, seeds: Seeds | None = 
 def displacement_vectors(
     surface: DeformedSurface, triangle: np.ndarray, parameters: np.ndarray
 ) -> np.ndarray:
-    """Return displacements (n, 3) [m] at points of the middle surface.
+    """Return displacements (n, 3) [m] at points of the limit surface.
 
     Exact at the control vertices and linear between them: enough to tell the dent region, and a
     hundred times cheaper than two evaluations of the limit surface.

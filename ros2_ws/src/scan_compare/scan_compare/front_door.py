@@ -11,12 +11,13 @@ import numpy.typing as npt
 
 from scan_compare.comparison import Comparison
 from scan_compare.comparison import compare as compare_surfaces
-from scan_compare.deformed_surface import DeformedSurface
+from scan_compare.deformed_surface import DeformedSurface, surface_of_outer_face
 from scan_compare.model_file import surface_of_object
 from scan_compare.registration import SCANNER_SIGMA
 from scan_compare.rigid import IDENTITY, Pose
 from scan_compare.scan import Scan, clean
 from scan_compare.scan_file import read_scan
+from shell_deform.theory import THICK
 
 
 class SqueezedShell(Protocol):
@@ -25,6 +26,10 @@ class SqueezedShell(Protocol):
     @property
     def shell(self) -> Any:
         """The shell: its `model` and `description`."""
+
+    @property
+    def outer_points(self) -> npt.NDArray[np.float64]:
+        """(n, 3) deformed points of the outer face, one per control vertex [m]."""
 
     @property
     def control_points(self) -> npt.NDArray[np.float64]:
@@ -75,4 +80,7 @@ def _surface(shell: Any) -> DeformedSurface:
         return surface_of_object(str(shell))
     model = shell.shell.model
     thickness = shell.shell.description.thickness_m
+    if model.theory == THICK:
+        rest = model.shell.outer_face(model.start)
+        return surface_of_outer_face(model.surface, rest, shell.outer_points, thickness)
     return DeformedSurface(model.surface, model.rest, shell.control_points, thickness)

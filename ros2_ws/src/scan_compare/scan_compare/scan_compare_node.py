@@ -36,6 +36,7 @@ from scan_compare.worker import Cloud, Job, Result, Worker
 TEND_PERIOD_S = 0.02
 SURFACE_DEPTH = 50
 SURFACE_FIELDS = ('x', 'y', 'z', 'ux', 'uy', 'uz')
+OUTER_FIELDS = ('ox', 'oy', 'oz')
 UNDEFORMED_SHARE = 3.0
 """A model displaced by less than this many scanner sigmas counts as undeformed."""
 
@@ -142,8 +143,11 @@ class ScanCompareNode(Node):
             self._refuse(str(error))
 
     def _surface_message(self, message: PointCloud2) -> None:
+        fields: tuple[str, ...] = SURFACE_FIELDS
+        if any(field.name == OUTER_FIELDS[0] for field in message.fields):
+            fields = (*SURFACE_FIELDS, *OUTER_FIELDS)
         try:
-            rows = self._surfaces.read_columns(message, SURFACE_FIELDS)
+            rows = self._surfaces.read_columns(message, fields)
         except MessageError as error:
             self._refuse(str(error))
             return
@@ -152,7 +156,8 @@ class ScanCompareNode(Node):
             return
         stamp = nanoseconds(message.header.stamp)
         frame = message.header.frame_id
-        self.history.add(StampedSurface(stamp, rows[:, :3], rows[:, 3:], frame))
+        outer = rows[:, 6:] if len(fields) > 6 else None
+        self.history.add(StampedSurface(stamp, rows[:, :3], rows[:, 3:6], frame, outer))
 
     def _contacts_message(self, message: PointCloud2) -> None:
         # read when a scan arrives: contacts come a thousand times as often
@@ -261,6 +266,7 @@ class ScanCompareNode(Node):
             triangles=None if surface is None else self._triangles,
             rest=None if surface is None else surface.rest,
             deformed=None if surface is None else surface.position,
+            outer=None if surface is None else surface.outer,
             start=start_pose(values, pending.frame, surface),
             scanner_sigma_m=sigma,
             outlier_m=outlier or None,

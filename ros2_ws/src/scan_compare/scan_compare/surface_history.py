@@ -14,12 +14,16 @@ SPACING_NS = 20_000_000
 
 @dataclass(frozen=True, order=True)
 class StampedSurface:
-    """Limit positions (n, 3) and displacements (n, 3) [m] of the middle surface at a time."""
+    """Limit positions (n, 3) and displacements (n, 3) [m] of the middle surface at a time.
+
+    outer: (n, 3) points of the outer face over them [m]; None where it is half a wall off.
+    """
 
     stamp_ns: int
     position: np.ndarray = field(compare=False)
     displacement: np.ndarray = field(compare=False)
     frame: str = field(compare=False, default='')
+    outer: np.ndarray | None = field(compare=False, default=None)
 
     @property
     def rest(self) -> np.ndarray:

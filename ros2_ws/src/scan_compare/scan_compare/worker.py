@@ -25,8 +25,10 @@ from scan_compare.comparison import ComparisonError, compare
 from scan_compare.deformed_surface import (
     DeformedSurface,
     SurfaceError,
+    outer_face_at_rest,
     published_mesh,
     surface_from_limit_positions,
+    surface_of_outer_face,
 )
 from scan_compare.registration import RegistrationError
 from scan_compare.report.files import write_report
@@ -76,7 +78,8 @@ class Job:
     """One comparison to do.
 
     rest, deformed: limit positions (n, 3) [m] and triangles (m, 3), or None for the object at
-    rest; start: pose of the scan or None to search; stamp_ns, frame: handed through.
+    rest; outer: points (n, 3) of the outer face over them [m], None: half a wall off; start: pose
+    of the scan or None to search; stamp_ns, frame: handed through.
     """
 
     number: int
@@ -93,6 +96,7 @@ class Job:
     stamp_ns: int
     frame: str
     notes: tuple[str, ...] = ()
+    outer: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -159,7 +163,10 @@ def _surface(job: Job) -> DeformedSurface:
             f'vertex {int(job.triangles.max())}'
         )
     limit = _LIMITS.of(job.object, job.triangles, job.rest)
-    return surface_from_limit_positions(limit, job.rest, job.deformed, shell.thickness_m)
+    if job.outer is None:
+        return surface_from_limit_positions(limit, job.rest, job.deformed, shell.thickness_m)
+    at_rest = outer_face_at_rest(limit, job.rest, shell.thickness_m)
+    return surface_of_outer_face(limit, at_rest, job.outer, shell.thickness_m)
 
 
 class _Limits:

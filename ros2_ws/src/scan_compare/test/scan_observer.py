@@ -106,12 +106,18 @@ class ScanObserver:
             )
         )
 
-    def send_surface(self, surface: DeformedSurface, stamp_ns: int) -> None:
+    def send_surface(
+        self, surface: DeformedSurface, stamp_ns: int, outer: np.ndarray | None = None
+    ) -> None:
+        """`outer` (n, 3): the outer face of a thick wall over the vertices [m]."""
         position = surface.limit.limit_positions(surface.deformed)
         moved = position - surface.limit.limit_positions(surface.rest)
         size = np.linalg.norm(moved, axis=1, keepdims=True)
         rows = np.hstack((position, moved, size, np.zeros_like(size)))
-        self.surfaces.publish(cloud(SURFACE_FIELDS, rows, stamp_ns, 'hand_base'))
+        names = SURFACE_FIELDS
+        if outer is not None:
+            names, rows = (*names, 'ox', 'oy', 'oz'), np.hstack((rows, outer))
+        self.surfaces.publish(cloud(names, rows, stamp_ns, 'hand_base'))
 
     def send_scan(self, points: np.ndarray, stamp_ns: int, frame: str = 'hand_base') -> None:
         self.scans.publish(cloud(('x', 'y', 'z'), points, stamp_ns, frame))

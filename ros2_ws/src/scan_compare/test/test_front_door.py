@@ -60,3 +60,14 @@ def test_a_file_is_read_in_its_unit(squeezed, points, tmp_path):
 def test_no_points_are_refused_in_one_sentence(squeezed):
     with pytest.raises(scan_compare.ComparisonError, match='the points given: the scan has no'):
         squeezed.compare(np.zeros((0, 3)))
+
+
+def test_a_thick_wall_is_compared_by_its_own_outer_face():
+    ball = shell_deform.load('tennis_ball', control_vertices=250, theory='thick')
+    squeezed = ball.squeeze(displacement=6e-3)
+    found = squeezed.compare(squeezed.outer_points, scanner_sigma=1e-5)
+    assert np.abs(found.distances.distance).max() < 2e-5
+    # half a wall along the normal is elsewhere: the wall is thinner under the pin
+    normals = ball.model.surface.vertex_normals(squeezed.control_points)
+    half = squeezed.points + 0.5 * ball.description.thickness_m * normals
+    assert np.abs(squeezed.compare(half, scanner_sigma=1e-5).distances.distance).max() > 9e-5

@@ -15,7 +15,11 @@ import pytest
 from scan_observer import ScanObserver
 from scan_shells import ball, scan_points, two_dents
 
-from scan_compare.deformed_surface import DeformedSurface
+from scan_compare.deformed_surface import (
+    DeformedSurface,
+    outer_face_at_rest,
+    surface_of_outer_face,
+)
 
 SECOND = 1_000_000_000
 LONG = 240.0
@@ -72,6 +76,33 @@ def test_a_scan_is_compared_with_the_surface_of_its_own_time(
     observer.wait(lambda: len(observer.errors) == 2)
     observer.wait(lambda: observer.numbers['mean_error'] > 0.11e-3)
     observer.wait(lambda: 'exceeds the noise floor' in observer.summary)
+
+
+def test_a_surface_with_an_outer_face_is_compared_by_that(
+    serve: Callable[..., Any], observer: ScanObserver
+) -> None:
+    serve()
+    observer.send_mesh(GRASP)
+    middle = GRASP.limit.limit_positions(GRASP.deformed)
+    normals = GRASP.limit.vertex_normals(GRASP.deformed)
+    # 0.3 mm thicker where the ball is dented: half a wall along the normal would be that far off
+    dented = np.exp(-((np.hypot(middle[:, :1], middle[:, 1:2]) / 0.008) ** 2))
+    outer = middle + (0.5 * GRASP.thickness + 0.3e-3 * dented) * normals
+    at_rest = outer_face_at_rest(
+        GRASP.limit, GRASP.limit.limit_positions(GRASP.rest), GRASP.thickness
+    )
+    face = surface_of_outer_face(GRASP.limit, at_rest, outer, GRASP.thickness)
+
+    def taken() -> bool:
+        observer.send_surface(GRASP, 3 * SECOND, outer)
+        return observer.values.get('surfaces kept') == '1'
+
+    observer.wait(taken)
+    observer.send_scan(scan_points(face, 20_000), 3 * SECOND)
+    observer.wait(lambda: observer.errors and len(observer.numbers) == 3)
+    rows = np.frombuffer(observer.errors[0].data, '<f4').reshape(-1, 4)
+    near = np.hypot(rows[:, 0], rows[:, 1]) < 0.003
+    assert rows[near, 3].mean() == pytest.approx(0.0, abs=0.02e-3)
 
 
 @pytest.mark.timeout(2 * LONG)

@@ -23,7 +23,7 @@ def served(contradiction=0.0, taking_up=False):
 
 @pytest.fixture
 def well():
-    worker = SimpleNamespace(alive=True, process=SimpleNamespace(pid=os.getpid()))
+    worker = SimpleNamespace(alive=True, theory='koiter', process=SimpleNamespace(pid=os.getpid()))
     return Condition(
         state=LiveState.CONTACT,
         figures=Figures(),

@@ -74,3 +74,73 @@ def test_a_release_ends_at_rest_and_the_next_grasp_is_the_first_again(model, tru
     assert rest.max_displacement < 1e-6
     served = pipeline.settle(squeeze(force, 2e-3, stamp=4), rounds=4)
     assert error(served.packed, surface) < 3e-5
+
+
+@pytest.fixture(scope='module')
+def outer(ball, model):
+    """Outer face (n, 3) [m] at a travel [m], by the offline solver."""
+    solver = EquilibriumSolver(model)
+    contacts = object_contacts(ball, model, RADIUS)
+
+    def at(travel):
+        state = solver.solve(displaced(contacts, [travel, travel]))
+        return solver.model.shell.outer_face(state.unknowns)
+
+    return at
+
+
+def face_error(packed, face):
+    return float(np.linalg.norm(packed[:, -3:] - face, axis=1).max())
+
+
+def test_the_outer_face_of_the_thick_wall_is_served_beside_its_middle(model, truth, outer):
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
+    force, _ = truth(3e-3)
+    served = pipeline.settle(squeeze(force, 3e-3), rounds=5)
+    assert face_error(served.packed, outer(3e-3)) < 3e-5
+    assert face_error(pipeline.estimator.nonlinear(), outer(3e-3)) < 3e-5
+
+
+def test_at_rest_the_outer_face_is_half_a_wall_outside(model, ball):
+    pipeline = live_hand.pipeline(model)
+    rest = pipeline.tick(squeeze([0.0, 0.0], 0.0, flags=0))
+    half = np.linalg.norm(rest.packed[:, -3:] - rest.packed[:, :3], axis=1)
+    assert half == pytest.approx(0.5 * ball.thickness_m, rel=1e-4)
+
+
+def test_between_two_equilibria_the_outer_face_goes_on_as_it_did(model, truth, outer):
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
+    for stamp, travel in enumerate((2e-3, 2.4e-3), 1):
+        force, _ = truth(travel)
+        pipeline.settle(squeeze(force, travel, stamp=stamp), rounds=4)
+    force, _ = truth(2.8e-3)
+    served = pipeline.tick(squeeze(force, 2.8e-3, stamp=9))
+    assert face_error(served.packed, outer(2.8e-3)) < 0.06e-3
+
+
+def test_a_turned_object_has_a_turned_outer_face(model, truth, outer):
+    from shell_deform.live.pose import pose_of
+
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
+    turned = pose_of([0.1, -0.2, 0.3, 0.0, 0.0, np.sin(0.4), np.cos(0.4)])
+    pipeline.estimator.pose = turned
+    force, _ = truth(2e-3)
+    here = squeeze(force, 2e-3)
+    there = replace(
+        here,
+        point=turned.from_object(here.point),
+        normal=here.normal @ turned.rotation.T,
+        force=here.force @ turned.rotation.T,
+    )
+    served = pipeline.settle(there, rounds=5)
+    assert face_error(served.packed, turned.from_object(outer(2e-3))) < 3e-5
+
+
+def test_sigma_beside_a_pin_has_what_no_shell_has(model, truth):
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
+    for travel, least in ((0.25e-3, 0.01e-3), (1e-3, 0.03e-3), (6e-3, 0.09e-3)):
+        force, _ = truth(travel)
+        served = pipeline.settle(squeeze(force, travel), rounds=5)
+        sigma = served.packed[:, 7]
+        assert least < sigma.max() < 0.15e-3
+        assert sigma[np.abs(served.packed[:, 0]) < 0.01].max() < 0.02e-3

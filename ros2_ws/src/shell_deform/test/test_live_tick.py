@@ -173,6 +173,7 @@ def test_the_compiled_field_equals_the_plain_one(seed, j, pose):
         np.abs(random.normal(size=n)),
         0.1,
         0.05,
+        np.abs(random.normal(size=n)),
         rotation,
         random.normal(size=3),
         random.normal(size=(6, pose)),

@@ -25,7 +25,7 @@ td.n{text-align:right;font-variant-numeric:tabular-nums}
 .verdict{padding:.6rem 1rem;border-left:4px solid #888;background:#f4f4f4}
 </style></head><body>
 <h1>Scan comparison</h1>
-<p>Scan <b>$title</b> against the deformed outer face (middle surface + half a thickness).</p>
+<p>Scan <b>$title</b> against the deformed outer face$face.</p>
 <p class="verdict">$verdict</p>
 <img alt="scan, model and error map from one camera; profile; histogram" src="$picture">
 <img alt="deformed patches on the undeformed shape" src="$patches">
@@ -128,6 +128,7 @@ def _page(comparison: Comparison, picture: bytes, patches: bytes) -> str:
     notes = ''.join(f'<li>{html.escape(note)}</li>' for note in comparison.notes)
     return _PAGE.substitute(
         title=html.escape(comparison.source),
+        face='' if comparison.surface.is_outer else ' (middle surface + half a thickness)',
         verdict=html.escape(verdict(comparison)),
         picture=_data_url(picture),
         patches=_data_url(patches),

@@ -375,7 +375,8 @@ class ThickShell(Discretisation):
         normal = surface.vertex_normals(controls)
         director = normal + self._pushed_shear(positions)
         director /= np.linalg.norm(director, axis=1)[:, None]
-        return place + (self._to_vertices @ self._tops(positions))[:, None] * director
+        tops = np.where(self._beyond, 0.5 * self.wall, self._to_vertices @ self._tops(positions))
+        return place + tops[:, None] * director
 
     def _tops(self, positions: Array) -> Array:
         """(p,) height of the outer face over the middle surface [m]."""
@@ -397,6 +398,11 @@ class ThickShell(Discretisation):
         components = np.einsum('nai,ni->na', np.linalg.pinv(rest), surface.limit_positions(field))
         moved_first, moved_second = surface.vertex_tangents(positions[:n])
         return components[:, :1] * moved_first + components[:, 1:] * moved_second
+
+    @cached_property
+    def _beyond(self) -> NDArray[np.bool_]:
+        """(n,) vertices beyond an edge: no point of the surface is theirs."""
+        return np.diff(self._to_vertices.indptr) == 0
 
     @cached_property
     def _to_vertices(self) -> sp.csr_matrix:

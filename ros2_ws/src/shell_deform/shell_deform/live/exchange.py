@@ -110,10 +110,14 @@ RESULT = np.dtype(
 
 @dataclass(frozen=True)
 class Layout:
-    """Sizes of everything for n vertices and m triangles."""
+    """Sizes of everything for n vertices and m triangles.
+
+    `outer`: whether the outer face is a field of its own, as that of a thick wall is.
+    """
 
     vertices: int
     triangles: int
+    outer: bool = False
 
     @property
     def field(self) -> int:
@@ -123,13 +127,13 @@ class Layout:
     @property
     def static(self) -> int:
         """Bytes of rest surface and triangles."""
-        return _round(2 * self.field + 12 * self.triangles)
+        return _round((2 + self.outer) * self.field + 12 * self.triangles)
 
     @property
     def slot(self) -> int:
         """Bytes of one result slot."""
-        fields = 3 + MAX_INPUTS + MAX_CONTACTS
-        return _round(RESULT.itemsize + fields * self.field + 16 * self.vertices)
+        fields = 3 + MAX_INPUTS + MAX_CONTACTS + 2 * self.outer
+        return _round(RESULT.itemsize + fields * self.field + 24 * self.vertices)
 
     @property
     def requests(self) -> int:
@@ -163,6 +167,9 @@ class Slot:
         bend: (n, 3) [1/m] second-order motion per squared step along `bend_direction`.
         third: (n,) [1/m^2] size of the third-order motion per cubed step.
         energy_density: (n,) strain energy per undeformed area [J/m^2].
+        unmodelled: (n,) sigma of what no shell theory has, beside a pin [m].
+        outer: (n, 3) of the outer face over the surface [m]; outer_slope: (n, 3) its change per
+            step along `bend_direction` [-]. None where it is half a wall along the normal.
     """
 
     record: np.void
@@ -173,6 +180,9 @@ class Slot:
     bend: Array
     third: Array
     energy_density: Array
+    unmodelled: Array
+    outer: Array | None
+    outer_slope: Array | None
 
     def input_columns(self) -> Array:
         """(n, 3, j) view of the columns in use."""
@@ -199,7 +209,11 @@ class SharedMemory:
         n, m = layout.vertices, layout.triangles
         self.rest = self._view('<f8', 0, 3 * n).reshape(n, 3)
         self.rest_normals = self._view('<f8', layout.field, 3 * n).reshape(n, 3)
-        self.triangles = self._view('<i4', 2 * layout.field, 3 * m).reshape(m, 3)
+        self.rest_outer = (
+            self._view('<f8', 2 * layout.field, 3 * n).reshape(n, 3) if layout.outer else None
+        )
+        triangles = (2 + layout.outer) * layout.field
+        self.triangles = self._view('<i4', triangles, 3 * m).reshape(m, 3)
         self.control = self._view('<i8', layout.requests, 8)
         self.request = self._view(REQUEST, layout.requests + 64, 1)
         self.slots = tuple(self._slot(i) for i in range(SLOTS))
@@ -213,10 +227,13 @@ class SharedMemory:
         record = self._view(RESULT, at, 1)[0]
         at += RESULT.itemsize
         parts = []
-        for count in (3 * n, 3 * n, 3 * n * MAX_INPUTS, 3 * n * MAX_CONTACTS, 3 * n, n, n):
+        face = [3 * n, 3 * n] * self.layout.outer
+        sizes = (3 * n, 3 * n, 3 * n * MAX_INPUTS, 3 * n * MAX_CONTACTS, 3 * n, n, n, n, *face)
+        for count in sizes:
             parts.append(self._view('<f8', at, count))
             at += 8 * count
-        surface, normals, columns, linear, bend, third, energy_density = parts
+        surface, normals, columns, linear, bend, third, energy_density, unmodelled = parts[:8]
+        outer = [part.reshape(n, 3) for part in parts[8:]] or (None, None)
         return Slot(
             record,
             surface.reshape(n, 3),
@@ -226,6 +243,8 @@ class SharedMemory:
             bend.reshape(n, 3),
             third,
             energy_density,
+            unmodelled,
+            *outer,
         )
 
     def beat(self) -> None:

@@ -360,7 +360,9 @@ class DeformationNode(Node):
         memory = self.link.worker.memory
         assert memory is not None
         previous = self.estimator
-        self.estimator = Estimator(memory.rest, memory.rest_normals, self._settings)
+        self.estimator = Estimator(
+            memory.rest, memory.rest_normals, self._settings, memory.rest_outer
+        )
         self.estimator.pose = self._given_pose
         if previous is not None and previous.rest.shape == memory.rest.shape:
             # The same shell again after a restart: its last good state is still the best known.
@@ -369,12 +371,14 @@ class DeformationNode(Node):
             return
         name = self.get_parameter('object').value
         self.modulus = ModulusFilter(load_object(name).young_modulus_pa, self._settings.errors)
-        self._topics.resize(len(memory.rest))
+        self._topics.resize(len(memory.rest), memory.rest_outer is not None)
         self._publish_mesh()
         # What is there now stays: the collector need not walk through it beside the fast loop.
         gc.collect()
         gc.freeze()
-        self.get_logger().info(f'{name}: {len(memory.rest)} vertices, serving')
+        self.get_logger().info(
+            f'{name}: theory {self.link.worker.theory}, {len(memory.rest)} vertices, serving'
+        )
 
     def _follow_contacts(self, estimator: Estimator) -> None:
         """Have the mesh graded anew where fingers rest, and change to it once it answers."""
@@ -387,12 +391,12 @@ class DeformationNode(Node):
         self.link.promote()
         memory = self.link.worker.memory
         assert memory is not None and self.estimator is not None
-        changed = Estimator(memory.rest, memory.rest_normals, self._settings)
+        changed = Estimator(memory.rest, memory.rest_normals, self._settings, memory.rest_outer)
         changed.pose, changed.first_touch = self.estimator.pose, first
         changed.sample = self.estimator.sample
         changed.adopt(slot)
         self.estimator = changed
-        self._topics.resize(len(memory.rest))
+        self._topics.resize(len(memory.rest), memory.rest_outer is not None)
         self._publish_mesh()
         self.get_logger().info(f'{len(memory.rest)} vertices, graded where the fingers are')
 

@@ -15,7 +15,7 @@ from visualization_msgs.msg import Marker
 
 from grasp_common.messages import header, point_fields, time_message
 from shell_deform.live.pose import Pose, pose_of
-from shell_deform.live.tick.serve_kernel import FIELDS
+from shell_deform.live.tick.serve_kernel import FIELDS, OUTER_FIELDS
 
 Array = NDArray[np.float64]
 
@@ -85,11 +85,15 @@ def mesh_message(triangles: NDArray[np.int32], vertices: Array) -> Mesh:
 def marker_message(
     triangles: NDArray[np.int32], packed: NDArray[np.float32], stamp_ns: int, frame: str
 ) -> Marker:
-    """Triangles coloured by displacement, from dark blue at rest to yellow at the largest."""
+    """Triangles coloured by displacement, from dark blue at rest to yellow at the largest.
+
+    Of the outer face, where `packed` (n, f) has one, else of the middle surface.
+    """
+    drawn = packed[:, :3] if packed.shape[1] == len(FIELDS) else packed[:, -len(OUTER_FIELDS) :]
     size = packed[:, 6]
     share = size / max(float(size.max()), 1e-9)
     shown = [np.interp(share, np.linspace(0.0, 1.0, len(CIVIDIS)), part) for part in CIVIDIS.T]
-    points = [Point(x=float(x), y=float(y), z=float(z)) for x, y, z in packed[:, :3]]
+    points = [Point(x=float(x), y=float(y), z=float(z)) for x, y, z in drawn]
     colours = [
         ColorRGBA(r=float(r), g=float(g), b=float(b), a=1.0)
         for r, g, b in zip(*shown, strict=True)

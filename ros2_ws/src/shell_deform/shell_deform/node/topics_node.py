@@ -22,7 +22,7 @@ from grasp_common.messages import diagnostics, named_numbers, number
 from shell_deform.live.tick.estimator import Served
 from shell_deform.live.tick.grasp import GRASP_FIELDS, PLOTTED
 from shell_deform.live.tick.modulus import ModulusEstimate
-from shell_deform.live.tick.serve_kernel import FIELDS, NONLINEAR_FIELDS
+from shell_deform.live.tick.serve_kernel import FIELDS, NONLINEAR_FIELDS, OUTER_FIELDS
 from shell_deform.live.tick.states import LiveState
 from shell_deform.node import messages
 
@@ -30,6 +30,8 @@ from shell_deform.node import messages
 STREAM = QoSProfile(depth=100)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 CLOUDS = {'surface': FIELDS, 'linear': FIELDS, 'nonlinear': NONLINEAR_FIELDS}
+THIN = ('linear',)
+"""Clouds of a theory whose outer face is always half a wall along the normal."""
 SCALARS = (
     'max_displacement',
     'linearity',
@@ -70,10 +72,13 @@ class DeformationTopics:
         silent = PublisherEventCallbacks(use_default_callbacks=False)
         return self._node.create_publisher(kind, topic, qos, event_callbacks=silent)
 
-    def resize(self, vertices: int) -> None:
-        """Answers of a shell of so many vertices come from now on."""
+    def resize(self, vertices: int, outer: bool) -> None:
+        """Answers of a shell of so many vertices come from now on, perhaps with its outer face."""
         self._writers = {
-            name: messages.SurfaceWriter(vertices, fields) for name, fields in CLOUDS.items()
+            name: messages.SurfaceWriter(
+                vertices, (*fields, *OUTER_FIELDS) if outer and name not in THIN else fields
+            )
+            for name, fields in CLOUDS.items()
         }
 
     def wanted(self, name: str) -> bool:

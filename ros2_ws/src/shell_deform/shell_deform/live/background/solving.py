@@ -17,6 +17,7 @@ from shell_deform.live.background.contact_tracking import ContactTracker, Touch
 from shell_deform.live.background.energy_density import EnergyDensity
 from shell_deform.live.background.load_case import Load
 from shell_deform.live.background.motion import Motion
+from shell_deform.live.background.outer_field import OuterField, unmodelled
 from shell_deform.live.background.placement import Placement, place
 from shell_deform.live.background.rest_shell import RestShell, largest_curl
 from shell_deform.live.background.small_loads import SmallLoads, small_loads
@@ -24,6 +25,7 @@ from shell_deform.live.background.tracking import EquilibriumTracker, Target, Tr
 from shell_deform.live.exchange import DRIVE_FORCE, MAX_CONTACTS, MAX_RIGID, Slot
 from shell_deform.live.pose import IDENTITY, Pose
 from shell_deform.model import ShellModel
+from shell_deform.theory import THICK
 
 Array = NDArray[np.float64]
 
@@ -70,6 +72,7 @@ class LiveSolver:
         self._bend_direction = np.zeros(0)
         self._bend_reach = 0.0
         self._push_bend = np.zeros(0)
+        self._face = OuterField(self.tracker) if model.theory == THICK else None
         self._small: SmallLoads | None = None
         self._linear_columns = np.zeros((self._size, 3, 0))
         self._placement: Placement | None = None
@@ -86,6 +89,7 @@ class LiveSolver:
         self._unloaded_state = self.tracker.state
         self.unloaded_surface = model.surface.limit_positions(self.unloaded)
         self.unloaded_normals = model.surface.vertex_normals(self.unloaded)
+        self.unloaded_outer = self._face and self.unloaded_surface + self._face.offset()
 
     def _unload(self) -> None:
         """Go to equilibrium without contacts: not the given shape where gas is under pressure."""
@@ -199,6 +203,8 @@ class LiveSolver:
             self._bend_from_rest(self._small)
         if old is not None and old_columns is not None and old_inputs is not None:
             self._update_bend(old, old_columns, old_state, self._inputs_at - old_inputs)
+        elif self._face is not None:
+            self._face.refined(0.0)
         return True
 
     def fill(self, slot: Slot) -> None:
@@ -274,6 +280,12 @@ class LiveSolver:
         slot.bend[:] = self._bend
         slot.third[:] = self._third
         slot.energy_density[:] = self._energy_density.at(positions)
+        slot.unmodelled[:] = 0.0
+        if self._face is not None and slot.outer is not None and slot.outer_slope is not None:
+            slot.unmodelled[:] = unmodelled(
+                self.unloaded_surface, self._wall, self.contacts.patches, here.displacement
+            )
+            slot.outer[:], slot.outer_slope[:] = self._face.offset(), self._face.slope
 
     def _rows(self) -> ContactRows:
         assert self.tracker.rows is not None
@@ -328,6 +340,8 @@ class LiveSolver:
         self._bend_direction, self._bend_reach = np.zeros(0), 0.0
         self._push_bend = np.zeros(0)
         self._small = None
+        if self._face is not None:
+            self._face.forget()
         if rows.contacts and self._unloaded is not None:
             system = self.tracker.rest_system(self._unloaded, rows)
             unloaded = self.tracker.unloaded(self._unloaded)
@@ -403,7 +417,10 @@ class LiveSolver:
         moved = self.tracker.state.moved
         steps = self._rows().measure.T @ (moved - old_state)
         step = float(np.linalg.norm(steps))
-        if step < SMALLEST_STEP * self._wall:
+        short = step < SMALLEST_STEP * self._wall
+        if self._face is not None:
+            self._face.refined(0.0 if short else step)
+        if short:
             return
         change = self._to_limit((moved - old_state)[:, None])[:, :, 0]
         inputs_before = self._inputs_for(old, steps, inputs)

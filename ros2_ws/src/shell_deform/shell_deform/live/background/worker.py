@@ -50,10 +50,13 @@ def share(solver: LiveSolver) -> tuple[SharedMemory, int]:
     """Shared memory with the surface at rest in it, and its descriptor."""
     mesh = solver.model.shell.mesh
     triangles = mesh.triangles[mesh.active]
-    layout = Layout(len(solver.model.rest), len(triangles))
+    outer = solver.unloaded_outer
+    layout = Layout(len(solver.model.rest), len(triangles), outer is not None)
     memory, descriptor = create(layout)
     memory.rest[:] = solver.unloaded_surface
     memory.rest_normals[:] = solver.unloaded_normals
+    if memory.rest_outer is not None:
+        memory.rest_outer[:] = outer
     memory.triangles[:] = triangles
     return memory, descriptor
 
@@ -169,6 +172,8 @@ def main() -> int:
     hello = {
         'vertices': layout.vertices,
         'triangles': layout.triangles,
+        'outer': layout.outer,
+        'theory': solver.model.theory,
         'thickness': float(solver.model.shell.thickness.mean()),
     }
     try:

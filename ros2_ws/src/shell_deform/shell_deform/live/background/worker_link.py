@@ -69,6 +69,8 @@ class WorkerProcess:
     def __init__(self, build: Build | None = None) -> None:
         self.memory: SharedMemory | None = None
         self.thickness = 0.0
+        self.theory = ''
+        """The one taken: `auto` is none."""
         self._has_rest = False
         self._sequence = 0
         self._seen = 0
@@ -122,7 +124,9 @@ class WorkerProcess:
         hello = json.loads(line)
         if 'error' in hello:
             raise WorkerError(str(hello['error']))
-        self.memory = SharedMemory(descriptors[0], Layout(hello['vertices'], hello['triangles']))
+        layout = Layout(hello['vertices'], hello['triangles'], hello['outer'])
+        self.memory = SharedMemory(descriptors[0], layout)
+        self.theory = str(hello['theory'])
         self.thickness = float(hello['thickness'])
         return True
 

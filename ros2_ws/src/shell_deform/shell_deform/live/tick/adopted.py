@@ -119,6 +119,15 @@ class Adopted:
         rest = float(moved @ moved) - used * used
         return value, max(rest, 0.0), abs(self._cube(offset + along) - self._cube(offset))
 
+    def outer_offset(self, moved: Array) -> Array | None:
+        """(n, 3) outer face over the surface for moved contacts (k,) [m]; None: half a wall."""
+        outer, slope = self.slot.outer, self.slot.outer_slope
+        if outer is None or slope is None:
+            return None
+        reach = BEND_REACH * self.bend_reach
+        along = float(self.bend_direction @ moved)
+        return outer + min(max(along, -reach), reach) * slope
+
     def missed(self, moved: Array) -> float:
         """Error estimate [m], at the worst vertex, of the step of the contacts by `moved` (k,)."""
         _, bend_error, third = self.bend(moved)

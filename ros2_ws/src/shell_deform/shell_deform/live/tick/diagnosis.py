@@ -68,6 +68,7 @@ def values(condition: Condition, now: float) -> dict[str, object]:
     figures, link = condition.figures, condition.link
     result: dict[str, object] = {
         'state': condition.state.value,
+        'theory': link.worker.theory,
         'samples': figures.stamps.samples,
         'lost': 'unknown' if figures.losses.lost is None else figures.losses.lost,
         'refused': figures.refused,

@@ -25,7 +25,13 @@ from shell_deform.live.tick.fusion_types import Measured, Response
 from shell_deform.live.tick.load_request import write_load
 from shell_deform.live.tick.release import measured_displacement, pressing
 from shell_deform.live.tick.sample import ContactSample, one_row_per_finger
-from shell_deform.live.tick.serve_kernel import FIELDS, NONLINEAR_FIELDS, serve
+from shell_deform.live.tick.serve_kernel import (
+    FIELDS,
+    NONLINEAR_FIELDS,
+    OUTER_FIELDS,
+    serve,
+    serve_outer,
+)
 
 Array = NDArray[np.float64]
 
@@ -46,10 +52,11 @@ class Settings:
 
 @dataclass(frozen=True)
 class Served:
-    """One answer. `packed` (n, 8) float32 is overwritten by the next tick.
+    """One answer. `packed` (n, 8) float32, (n, 11) with an outer face, is overwritten by the next
+    tick.
 
     Attributes:
-        stamp: of the sample [ns]. packed: x y z ux uy uz displacement sigma.
+        stamp: of the sample [ns]. packed: x y z ux uy uz displacement sigma, perhaps ox oy oz.
         max_displacement: [m]. linearity: predicted relative error of linear theory [-].
         strain_energy: [J]. nonlinear_age: sample stamp minus that of the equilibrium [s].
         snap_margin: contact stiffness over that at rest. contradiction: force against motion.
@@ -104,8 +111,17 @@ class Joined:
 class Estimator:
     """The tick and what it remembers between samples."""
 
-    def __init__(self, rest: Array, rest_normals: Array, settings: Settings) -> None:
-        """`rest` (n, 3) unloaded limit positions [m] with unit normals."""
+    def __init__(
+        self,
+        rest: Array,
+        rest_normals: Array,
+        settings: Settings,
+        rest_outer: Array | None = None,
+    ) -> None:
+        """`rest` (n, 3) unloaded limit positions [m] with unit normals.
+
+        `rest_outer` (n, 3): the outer face over them, where that is a field of its own [m].
+        """
         self.rest = rest
         self.rest_normals = rest_normals
         self.settings = settings
@@ -117,9 +133,11 @@ class Estimator:
         self.first_touch: FirstTouch | None = None
         self._linear: tuple[AtRest, Array, Array] | None = None
         n = len(rest)
-        self._packed = np.zeros((n, len(FIELDS)), dtype=np.float32)
-        self._packed_linear = np.zeros_like(self._packed)
-        self._packed_nonlinear = np.zeros((n, len(NONLINEAR_FIELDS)), dtype=np.float32)
+        self._rest_offset = None if rest_outer is None else rest_outer - rest
+        more = 0 if rest_outer is None else len(OUTER_FIELDS)
+        self._packed = np.zeros((n, len(FIELDS) + more), dtype=np.float32)
+        self._packed_linear = np.zeros((n, len(FIELDS)), dtype=np.float32)
+        self._packed_nonlinear = np.zeros((n, len(NONLINEAR_FIELDS) + more), dtype=np.float32)
         self._no_columns = np.zeros((n, 3, 1))
         self._no_bend = np.zeros((n, 3))
         self._no_third = np.zeros(n)
@@ -214,11 +232,15 @@ class Estimator:
             adopted.slot.third,
             third,
             joined.doubt,
+            adopted.slot.unmodelled,
             pose.rotation,
             pose.translation,
             adopted.pose_root,
             self._packed,
         )
+        offset = adopted.outer_offset(moved)
+        if offset is not None:
+            serve_outer(offset, pose.rotation, self._packed)
         extra = posterior.inputs[:k]
         force = response.force + extra
         displacement = response.displacement + moved
@@ -293,11 +315,12 @@ class Estimator:
         root = self.posterior.root if self.posterior is not None else np.zeros((j, j))
         if root.shape != (j, j):
             root = np.zeros((j, j))
-        self._pack(
-            self._packed_nonlinear, adopted.slot.surface, adopted.columns, np.zeros(j), root
-        )
-        self._packed_nonlinear[:, -1] = adopted.slot.energy_density
-        return self._packed_nonlinear
+        packed = self._packed_nonlinear
+        self._pack(packed, adopted.slot.surface, adopted.columns, np.zeros(j), root)
+        packed[:, len(FIELDS)] = adopted.slot.energy_density
+        if adopted.slot.outer is not None:
+            serve_outer(adopted.slot.outer, self.pose_in_use.rotation, packed)
+        return packed
 
     def fill_request(self, record: np.void) -> None:
         """Write the load case of the last tick into a mailbox record."""
@@ -401,17 +424,18 @@ class Estimator:
         """Fill `packed` with `doubt` [m] as the only error; returns the largest displacement."""
         pose = self.pose_in_use
         at_rest = surface is self.rest or self.adopted is None
-        normals = self.rest_normals if at_rest else self._adopted_normals()
+        normals, unmodelled = self.rest_normals, self._no_third
+        if self.adopted is not None and not at_rest:
+            normals, unmodelled = self.adopted.slot.normals, self.adopted.slot.unmodelled
         pose_root = self.adopted.pose_root if self.adopted is not None else np.zeros((6, 0))
-        return serve(
+        largest = serve(
             self.rest, surface, normals, columns, inputs, np.ascontiguousarray(root),
-            self._no_bend, 0.0, 0.0, self._no_third, 0.0, doubt,
+            self._no_bend, 0.0, 0.0, self._no_third, 0.0, doubt, unmodelled,
             pose.rotation, pose.translation, pose_root, packed,
         )  # fmt: skip
-
-    def _adopted_normals(self) -> Array:
-        assert self.adopted is not None
-        return self.adopted.slot.normals
+        if packed is self._packed and self._rest_offset is not None:
+            serve_outer(self._rest_offset, pose.rotation, packed)
+        return largest
 
 
 def _without_grip(measured: Measured) -> Measured:

@@ -24,7 +24,10 @@ class Rehearsal:
         self.solver.warm_up()
         self.memory, _ = share(self.solver)
         self.estimator = Estimator(
-            self.memory.rest, self.memory.rest_normals, settings or Settings()
+            self.memory.rest,
+            self.memory.rest_normals,
+            settings or Settings(),
+            self.memory.rest_outer,
         )
         self.estimator.pose = IDENTITY
         self.estimator.first_touch = FirstTouch(self.solver.rest_shell())

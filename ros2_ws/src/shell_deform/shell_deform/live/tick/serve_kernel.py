@@ -2,7 +2,8 @@
 """The heavy part of the tick, compiled: displacement field, its sigma, and the packed message.
 
 One pass over the vertices writes x y z ux uy uz displacement sigma as float32 in the frame of the
-contacts. `serve_numpy` is the same in plain numpy: the oracle, and the fallback without numba.
+contacts; `serve_outer` adds the outer face where that is a field of its own. `serve_numpy` is the
+same in plain numpy: the oracle, and the fallback without numba.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 FIELDS = ('x', 'y', 'z', 'ux', 'uy', 'uz', 'displacement', 'sigma')
 NONLINEAR_FIELDS = (*FIELDS, 'energy_density')
 """What the background process knows besides: strain energy per undeformed area [J/m^2]."""
+OUTER_FIELDS = ('ox', 'oy', 'oz')
+"""Behind these: the outer face of a wall whose outer face is not half a wall off the middle."""
 
 
 def serve_numpy(
@@ -34,12 +37,13 @@ def serve_numpy(
     third: Array,
     third_input: float,
     doubt: float,
+    unmodelled: Array,
     rotation: Array,
     translation: Array,
     pose_root: Array,
     packed: NDArray[np.float32],
 ) -> float:
-    """Fill `packed` (n, 8); returns the largest displacement [m].
+    """Fill the first eight columns of `packed`; returns the largest displacement [m].
 
     Args:
         rest, surface, normals: (n, 3) undeformed and last equilibrium [m], unit normals.
@@ -47,6 +51,7 @@ def serve_numpy(
         root: (j, i) upper triangular root of their covariance. bend: (n, 3) [1/m] second-order
             motion per bend_input [m^2], of which bend_error [m^2] is uncertain.
         third: (n,) [1/m^2] unknown motion per third_input [m^3]. doubt: unknown anywhere [m].
+        unmodelled: (n,) sigma beside all this [m].
         rotation, translation: from the object to the contacts.
         pose_root: (6, i) root of the covariance of the pose (translation, rotation vector).
     """
@@ -59,6 +64,7 @@ def serve_numpy(
         np.einsum('nj,nj->n', along, along)
         + (np.abs(along_bend) * bend_error + third * third_input + doubt) ** 2
         + np.einsum('nj,nj->n', lever, lever)
+        + unmodelled**2
     )
     packed[:, 0:3] = position @ rotation.T + translation
     packed[:, 3:6] = moved @ rotation.T
@@ -66,6 +72,14 @@ def serve_numpy(
     packed[:, 6] = size
     packed[:, 7] = np.sqrt(variance)
     return float(size.max())
+
+
+def serve_outer(offset: Array, rotation: Array, packed: NDArray[np.float32]) -> None:
+    """Fill the last three columns of `packed` with the outer face.
+
+    `offset` (n, 3): of the outer face over the middle surface in the object's frame [m].
+    """
+    packed[:, -3:] = packed[:, :3] + offset @ rotation.T
 
 
 if HAVE_NUMBA:
@@ -76,7 +90,7 @@ if HAVE_NUMBA:
 
     @kernel(
         Float, FloatRows, FloatRows, FloatRows, FloatBlocks, Floats, FloatRows, FloatRows, Float,
-        Float, Floats, Float, Float, FloatRows, Floats, FloatRows, types.float32[:, ::1],
+        Float, Floats, Float, Float, Floats, FloatRows, Floats, FloatRows, types.float32[:, ::1],
         called_from_python=True,
     )  # fmt: skip
     def _serve(
@@ -92,6 +106,7 @@ if HAVE_NUMBA:
         third: Any,
         third_input: Any,
         doubt: Any,
+        unmodelled: Any,
         rotation: Any,
         translation: Any,
         pose_root: Any,
@@ -115,7 +130,7 @@ if HAVE_NUMBA:
                 pz += cz * inputs[j]
                 along[j] = nx * cx + ny * cy + nz * cz
             error = abs(nx * bx + ny * by + nz * bz) * bend_error + third[v] * third_input + doubt
-            variance = error * error
+            variance = error * error + unmodelled[v] * unmodelled[v]
             for i in range(roots):
                 # The root is upper triangular.
                 part = 0.0

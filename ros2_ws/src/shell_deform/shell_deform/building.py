@@ -8,7 +8,9 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from shell_deform.assemble.discretisation import Discretisation, discretise
 from shell_deform.assemble.thick import thick_shell
@@ -16,7 +18,14 @@ from shell_deform.contact.bodies import BodyError
 from shell_deform.contact.body_file import load_body
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
-from shell_deform.objects import Contact, ObjectError, ShellObject, Support, object_mesh
+from shell_deform.objects import (
+    Contact,
+    GripPlace,
+    ObjectError,
+    ShellObject,
+    Support,
+    object_mesh,
+)
 from shell_deform.readout import wall_ratio
 from shell_deform.supports import (
     SupportRows,
@@ -25,6 +34,7 @@ from shell_deform.supports import (
     joined,
     symmetry,
 )
+from shell_deform.supports.grips import Grip, GripError, grip, refuse_few
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.surface.outer_ring import extended
@@ -106,6 +116,7 @@ def model_on_mesh(
         theory,
         Gas(gas.kind, gas.gauge_pressure_pa, gas.ambient_pa),
         joined(parts),
+        tuple(_grip(shell_object, shell, place) for place in shell_object.grips),
     )
 
 
@@ -119,7 +130,7 @@ def object_contacts(
     Raises ObjectError when it declares none, one that is further from the object than its own
     size, or a rigid body that starts inside it.
     """
-    if not shell_object.contacts:
+    if not (shell_object.contacts or shell_object.grips):
         raise ObjectError(f'{shell_object.name}: no contacts; add contacts: [{{at_m: …}}]')
     contacts = _sized(shell_object).contacts
     # In one load case either all rigid bodies may rub, or none.
@@ -263,6 +274,58 @@ def _support_rows(
     if support.kind == 'diaphragm':
         return [hold_position(shell, at, np.linalg.svd(plane[None])[2][1:])]
     return symmetry(shell, at, plane)
+
+
+def _grip(shell_object: ShellObject, shell: Discretisation, place: GripPlace) -> Grip:
+    """A part of the surface held in a pose: an edge, or a patch."""
+    points = shell.surface.limit_positions(shell.mesh.vertices)
+    if place.where is None:
+        at, origin = _patch(shell_object, shell, place, points)
+        parts = [hold_position(shell, at, np.eye(3))]
+    else:
+        rim, along = boundary_vertices(shell.mesh)
+        at, _ = _where(shell_object, points, rim, place.where)
+        origin = np.zeros(3) if place.at_m is None else np.array(place.at_m)
+        if place.at_m is None and len(at):
+            origin = points[at].mean(axis=0)
+        parts = [hold_position(shell, at, np.eye(3))]
+        if place.hold == 'clamped':
+            normal = shell.surface.vertex_normals(shell.mesh.vertices)[at]
+            parts = clamp(shell, at, np.cross(normal, along[np.searchsorted(rim, at)]))
+    way_out = 'hold an edge of the object' if place.where else 'a larger radius_m'
+    try:
+        refuse_few(place.name, points[at], f'{way_out}, or more control vertices')
+        axes = [np.eye(3)['xyz'.index(axis)] for axis in place.free]
+        return grip(place.name, shell, parts, origin, np.array(axes))
+    except GripError as error:
+        raise ObjectError(f'{shell_object.name}: {error}') from error
+
+
+def _patch(
+    shell_object: ShellObject, shell: Discretisation, place: GripPlace, points: Array
+) -> tuple[Index, Array]:
+    """Vertices of a patch in one piece, and its middle (3,) on the middle surface [m]."""
+    assert place.at_m is not None and place.radius_m is not None
+    foot = shell.surface.closest_point(shell.mesh.vertices, np.array(place.at_m)[None])
+    middle = foot.position[0]
+    away = float(np.linalg.norm(middle - place.at_m)) - 0.5 * shell_object.thickness_m
+    if away > max(place.radius_m, shell_object.thickness_m):
+        raise ObjectError(
+            f'{shell_object.name}: grip {place.name} is {away:.3g} m away from the object, '
+            f'further than its own radius of {place.radius_m:g} m; give a place on the outer '
+            'face, in metres'
+        )
+    inside = np.linalg.norm(points - middle, axis=1) <= place.radius_m
+    used = shell.mesh.triangles[shell.mesh.active]
+    carried = np.zeros(len(points), dtype=bool)
+    carried[used] = True
+    inside &= carried
+    edges = np.concatenate([used[:, [0, 1]], used[:, [1, 2]], used[:, [2, 0]]])
+    edges = edges[inside[edges].all(axis=1)]
+    graph = sp.coo_matrix((np.ones(len(edges)), edges.T), shape=(len(points), len(points)))
+    piece = connected_components(graph, directed=False)[1]
+    nearest = int(np.argmin(np.where(inside, np.linalg.norm(points - middle, axis=1), np.inf)))
+    return np.flatnonzero(inside & (piece == piece[nearest])), middle
 
 
 def _where(

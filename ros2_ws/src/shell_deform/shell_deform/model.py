@@ -24,8 +24,10 @@ from shell_deform.supports import (
     SupportRows,
     free_rigid_modes,
     isostatic_dofs,
+    joined,
     rigid_modes,
 )
+from shell_deform.supports.grips import Grip, refuse_overlap
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.theory import THEORY_NAMES, THICK, is_linear
 from shell_deform.theory.gas import Gas
@@ -68,7 +70,8 @@ class ShellModel:
         shell: the discretisation of the undeformed middle surface.
         theory: name in `THEORIES`.
         gas: air inside; only a closed mesh may be sealed.
-        supports: springs that hold parts of it; None for a free body.
+        supports: springs that hold parts of it in place; None for none.
+        grips: rigid bodies that hold parts of it and may move.
         pressure: follower overpressure inside, kept constant [Pa].
     """
 
@@ -76,6 +79,7 @@ class ShellModel:
     theory: str = 'koiter'
     gas: Gas = field(default_factory=Gas)
     supports: SupportRows | None = None
+    grips: tuple[Grip, ...] = ()
     pressure: float = 0.0
 
     def __post_init__(self) -> None:
@@ -85,6 +89,21 @@ class ShellModel:
             raise ValueError('theory thick takes a thick shell, every other theory a thin one')
         if self.gas.is_sealed and not self.shell.mesh.is_closed:
             raise ValueError('an open surface cannot hold sealed gas; use gas kind none or open')
+        refuse_overlap(self.grips, self.supports)
+
+    @cached_property
+    def held(self) -> SupportRows | None:
+        """Supports, then grips: all springs; None for a free body."""
+        parts = [] if self.supports is None else [self.supports]
+        return joined([*parts, *(grip.rows for grip in self.grips)])
+
+    def held_target(self, motion: Array) -> Array | None:
+        """Where all springs are moved to [m] by the grips' `motion` (g, 6), None for nowhere."""
+        if not np.any(motion):
+            return None
+        still = np.zeros(0 if self.supports is None else len(self.supports.stiffness))
+        moves = zip(self.grips, motion, strict=True)
+        return np.concatenate([still, *(grip.target(self.rest, by) for grip, by in moves)])
 
     @property
     def surface(self) -> LimitSurface:
@@ -204,8 +223,8 @@ class ShellModel:
         """
         shell = self.shell
         values = np.zeros(len(shell.pattern.indices))
-        if self.supports is not None:
-            values += self.supports.stiffness_values(shell)
+        if self.held is not None:
+            values += self.held.stiffness_values(shell)
         spring = IDLE_STIFFNESS * float(np.median(self._own_stiffness))
         matrix = shell.pattern.matrix(values)
         idle = (3 * self._idle[:, None] + np.arange(3)).ravel()
@@ -229,9 +248,9 @@ class ShellModel:
     def free_modes(self) -> Array:
         """Orthonormal rigid motions (N, k) that no support prevents."""
         modes = self.shell.extended_modes(rigid_modes(self.rest))
-        if self.supports is None:
+        if self.held is None:
             return modes
-        return free_rigid_modes(modes, self.supports.dense(len(self.start)))
+        return free_rigid_modes(modes, self.held.dense(len(self.start)))
 
     @cached_property
     def springs(self) -> NDArray[np.int64]:
@@ -277,11 +296,28 @@ class ShellModel:
             volume, row = self.shell.volume(positions)
             energy += self._gas_energy(volume)
             gradient -= self.overpressure(volume) * row
-        if self.supports is not None:
+        if self.held is not None:
             moved = positions - self.start if moved is None else moved
-            energy += self.supports.energy(moved, target)
-            gradient += self.supports.force(moved, target)
+            energy += self.held.energy(moved, target)
+            gradient += self.held.force(moved, target)
         return energy, gradient.reshape(-1)
+
+    @cached_property
+    def floated(self) -> Array:
+        """(N, f) what free shifts of grips take off the sparse stiffness: minus V V^T."""
+        size = len(self.start)
+        return np.zeros((3 * size, 0)) if self.held is None else self.held.floated(size)
+
+    def wall_force(self, positions: Array) -> Array:
+        """Nodal forces (n, 3) [N] that wall and gas need to stay at all unknowns `positions`.
+
+        Without the springs of what holds it: it keeps its digits however stiff these are.
+        """
+        elastic = self.shell.gradient(self.theory, positions)[1]
+        if self.gas.is_sealed or self.pressure:
+            volume, row = self.shell.volume(positions)
+            elastic -= self.overpressure(volume) * row
+        return elastic
 
     def overpressure(self, volume: float) -> float:
         """Pressure inside minus outside [Pa] at an enclosed volume [m^3]."""
@@ -300,9 +336,10 @@ class ShellModel:
         rest = self.rest_tangent
         moved = (positions - self.rest).reshape(-1)
         start = rest.gradient
-        if self.supports is not None and target is not None:
-            start = start + self.supports.force(np.zeros_like(self.rest), target).reshape(-1)
+        if self.held is not None and target is not None:
+            start = start + self.held.force(np.zeros_like(self.rest), target).reshape(-1)
         force = rest.stiffness @ moved + rest.gas_stiffness * rest.gas_row * (rest.gas_row @ moved)
+        force -= self.floated @ (self.floated.T @ moved)
         energy = float(0.5 * moved @ force + start @ moved)
         return energy, start + force
 
@@ -322,10 +359,10 @@ class ShellModel:
         if filled:
             gradient -= pressure * row
             energy += self._gas_energy(volume)
-        if self.supports is not None:
+        if self.held is not None:
             moved = positions - self.start if moved is None else moved
-            energy += self.supports.energy(moved, target)
-            gradient += self.supports.force(moved, target)
+            energy += self.held.energy(moved, target)
+            gradient += self.held.force(moved, target)
         data += self._fixed_values
         matrix = self.shell.pattern.matrix(data)
         return Tangent(energy, gradient.reshape(-1), matrix, row.reshape(-1), stiffness, pressure)
@@ -336,6 +373,7 @@ class ShellModel:
             'shell': self.shell,
             'gas': self.gas,
             'supports': self.supports,
+            'grips': self.grips,
             'pressure': self.pressure,
             **changes,
         }

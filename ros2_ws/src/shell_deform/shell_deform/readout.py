@@ -174,11 +174,7 @@ def support_forces(model: ShellModel, positions: Array, loads: Array) -> Array:
     Taken from the wall, not from the springs of the supports: it keeps its digits however stiff
     these are.
     """
-    elastic = model.shell.gradient(model.theory, positions)[1]
-    if model.gas.is_sealed or model.pressure:
-        volume, row = model.shell.volume(positions)
-        elastic -= model.overpressure(volume) * row
-    return elastic - loads
+    return model.wall_force(positions) - loads
 
 
 def principal(components: Array, engineering_shear: bool = True) -> Array:

@@ -353,7 +353,7 @@ def warnings_of(model: ShellModel, state: Equilibrium, readout: Readout) -> tupl
         )
     moment = float(np.linalg.norm(state.unbalance[3:]))
     arm = UNBALANCED_SHARE * float(np.ptp(model.rest, axis=0).max())
-    if model.supports is None and moment > arm * float(np.abs(state.force).sum()):
+    if model.held is None and moment > arm * float(np.abs(state.force).sum()):
         found.append(
             f'the pushes are not in line: a moment of {moment:.3g} N m is left unbalanced and held'
         )

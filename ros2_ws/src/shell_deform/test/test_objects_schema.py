@@ -16,9 +16,12 @@ from shell_deform.objects.reference import reference_table, schema
 DOCS = Path(__file__).parents[4] / 'docs' / 'object_file.md'
 
 
+NOTHING = {'required': ()}
+
+
 def _fits(value, node):
     """Validation against the few words of JSON Schema that the document uses."""
-    if 'anyOf' in node:
+    if 'anyOf' in node and 'type' not in node:
         return any(_fits(value, inner) for inner in node['anyOf'])
     if 'enum' in node:
         return value in node['enum']
@@ -28,6 +31,7 @@ def _fits(value, node):
         return (
             isinstance(value, dict)
             and set(node.get('required', ())) <= set(value) <= set(known)
+            and any(set(one['required']) <= set(value) for one in node.get('anyOf', [NOTHING]))
             and node.get('minProperties', 0) <= len(value) <= node.get('maxProperties', len(value))
             and all(_fits(inner, known[key]) for key, inner in value.items())
         )

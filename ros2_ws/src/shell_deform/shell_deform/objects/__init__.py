@@ -3,11 +3,12 @@
 
 from .loader import load_object, object_names
 from .object_mesh import middle_surface, object_fit_report, object_mesh
-from .shell_object import Contact, Gas, ObjectError, ShellObject, Support, edge_names
+from .shell_object import Contact, Gas, GripPlace, ObjectError, ShellObject, Support, edge_names
 
 __all__ = [
     'Contact',
     'Gas',
+    'GripPlace',
     'ObjectError',
     'ShellObject',
     'Support',

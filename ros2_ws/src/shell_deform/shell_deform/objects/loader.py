@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ..theory.relaxation import Relaxation, RelaxationError, log_law, prony
 from .file_mesh import UNIT_M
 from .finger_files import body_names, find_body
+from .grip_place import read_grip, read_place
 from .shell_object import (
     DEFAULT_CONTACT_RADIUS_M,
     DEFAULT_CONTROL_VERTICES,
@@ -23,6 +24,7 @@ from .shell_object import (
     Ellipsoid,
     Finger,
     Gas,
+    GripPlace,
     HalfCylinder,
     HeightField,
     MeshFile,
@@ -87,6 +89,7 @@ def _read(root: Entry, folder: Path) -> ShellObject:
     entries = root.mapping(_REQUIRED, _OPTIONAL)
     surface = _surface(entries['surface'], folder)
     thickness, per_vertex = _thickness(entries['thickness_m'], surface)
+    touched = [_contact(entry, surface, folder) for entry in _list(entries, 'contacts')]
     shell = ShellObject(
         name=entries['name'].text(),
         surface=surface,
@@ -98,7 +101,8 @@ def _read(root: Entry, folder: Path) -> ShellObject:
         ),
         gas=_gas(entries['gas'], surface) if 'gas' in entries else Gas(),
         supports=tuple(_support(entry, surface) for entry in _list(entries, 'supports')),
-        contacts=tuple(_contact(entry, surface, folder) for entry in _list(entries, 'contacts')),
+        contacts=tuple(c for c in touched if isinstance(c, Contact)),
+        grips=tuple(c for c in touched if isinstance(c, GripPlace)),
         control_vertices=(
             entries['control_vertices'].whole(12, 1_000_000)
             if 'control_vertices' in entries
@@ -274,17 +278,22 @@ def _relaxation(entry: Entry) -> Relaxation:
 
 def _support(entry: Entry, surface: Surface) -> Support:
     found = entry.mapping(['kind', 'where'])
-    where = found['where'].text()
+    where = _edge(found['where'], surface)
+    return Support(cast(Any, found['kind'].text(_SUPPORT_KINDS)), where)
+
+
+def _edge(entry: Entry, surface: Surface) -> str:
+    where = entry.text()
     names = ('boundary', *edge_names(surface))
     axis, _, level = where.partition('=')
     is_plane = axis in ('x', 'y', 'z') and _is_number(level)
     if where not in names and not is_plane:
-        raise found['where'].error(
+        raise entry.error(
             f'where is {where!r}; allowed are {", ".join(names)}, or a plane such as x=0'
         )
     if not is_plane and is_closed(surface):
-        raise found['where'].error(f'a closed {surface.kind} has no {where}')
-    return Support(cast(Any, found['kind'].text(_SUPPORT_KINDS)), where)
+        raise entry.error(f'a closed {surface.kind} has no {where}')
+    return where
 
 
 def _is_number(text: str) -> bool:
@@ -295,17 +304,23 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _contact(entry: Entry, surface: Surface, folder: Path) -> Contact:
+def _contact(entry: Entry, surface: Surface, folder: Path) -> Contact | GripPlace:
     rounds = ('radius_m', 'curvature_radius_m')
     fingers = ('body', 'unit', 'along', 'towards')
-    found = entry.mapping(['at_m'], [*rounds, 'kind', 'friction', *fingers])
-    x, y, z = (value.number(minimum=-1000, maximum=1000) for value in found['at_m'].items(3))
-    kinds = ('pin', 'pad', 'fingertip')
+    held = ('where', 'hold', 'free')
+    found = entry.mapping([], ['at_m', *rounds, 'kind', 'friction', *fingers, *held])
+    kinds = ('pin', 'pad', 'fingertip', 'grip')
     kind = cast(Any, found['kind'].text(kinds) if 'kind' in found else 'pin')
-    for key in fingers if kind != 'fingertip' else rounds:
+    if kind == 'grip':
+        return read_grip(entry, lambda where: _edge(where, surface))
+    for key in (*held, *(fingers if kind != 'fingertip' else rounds)):
         if key in found:
             needed = 'kind: pin or pad' if kind == 'fingertip' else 'kind: fingertip'
+            needed = 'kind: grip' if key in held else needed
             raise found[key].error(f'{key} needs {needed}, not {kind}')
+    if 'at_m' not in found:
+        raise entry.error(f'{entry.key} lacks at_m')
+    x, y, z = read_place(found['at_m'])
     largest = smallest_radius(surface) if kind == 'pin' else 1000.0
     radius = DEFAULT_CONTACT_RADIUS_M
     if 'radius_m' in found:

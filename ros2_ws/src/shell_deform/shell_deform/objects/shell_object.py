@@ -154,6 +154,32 @@ class Contact:
 
 
 @dataclass(frozen=True)
+class GripPlace:
+    """A part of the surface that a rigid body holds, in a pose that may change.
+
+    Attributes:
+        where: an edge or a plane as in `Support`, or None for a patch.
+        at_m: the middle of a patch on the outer face; of an edge the point about which it turns,
+            None for the middle of what is held.
+        radius_m: of a patch. hold: 'clamped' keeps the slope across an edge, 'hinged' does not.
+        free: world axes along which it may shift.
+    """
+
+    where: str | None = None
+    at_m: tuple[float, float, float] | None = None
+    radius_m: float | None = None
+    hold: Literal['clamped', 'hinged'] = 'clamped'
+    free: tuple[Literal['x', 'y', 'z'], ...] = ()
+
+    @property
+    def name(self) -> str:
+        """What messages and results call it."""
+        if self.where is not None:
+            return self.where
+        return 'at ' + ' '.join(f'{value:g}' for value in self.at_m or ())
+
+
+@dataclass(frozen=True)
 class ShellObject:
     """One thin shell.
 
@@ -173,6 +199,7 @@ class ShellObject:
     gas: Gas = field(default_factory=Gas)
     supports: tuple[Support, ...] = ()
     contacts: tuple[Contact, ...] = ()
+    grips: tuple[GripPlace, ...] = ()
     control_vertices: int = DEFAULT_CONTROL_VERTICES
     vertex_thickness_m: npt.NDArray[np.float64] | None = None
     relaxation: Relaxation | None = None

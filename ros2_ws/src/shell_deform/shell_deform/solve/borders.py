@@ -78,8 +78,10 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
     pattern = np.zeros((3 * len(model.rest), len(contacts)))
     held: list[Array] = []
     dead = np.zeros(size)
+    for holder, force in zip(model.grips, case.grip_forces(len(model.grips)), strict=True):
+        dead[: len(model.rest)] += holder.load(force)
     if case.dead_load is not None:
-        dead[: len(case.dead_load)] = case.dead_load
+        dead[: len(case.dead_load)] += case.dead_load
     for i, contact in enumerate(contacts):
         if not case.padded[i]:
             push[:, i], measure[:, i] = pin_rows(model, i, contact)
@@ -170,7 +172,8 @@ def bordered(
 ) -> BorderedFactor:
     """The system of a tangent: stiffness, and as borders unknown pushes and what is held.
 
-    Low-rank updates carry what is dense (sealed gas, pads under given force), what makes the
+    Low-rank updates carry what is dense (sealed gas, pads under given force, grips that may
+    shift), what makes the
     tangent regular before a pad touches, and take back exactly the springs with which a free body
     is factorised.
     """
@@ -182,11 +185,12 @@ def bordered(
         matrix.data[diagonal_entry(matrix, int(dof))] += stiff
     pins = np.zeros((len(tangent.gradient), len(springs)))
     pins[springs, np.arange(len(springs))] = 1.0
-    updates = [pins, tangent.gas_row[:, None], edge.loose]
+    updates = [pins, tangent.gas_row[:, None], edge.loose, model.floated]
     strengths = [
         np.full(len(springs), -stiff),
         np.array([tangent.gas_stiffness]),
         np.full(edge.loose.shape[1], LOOSE_STIFFNESS * stiff),
+        np.full(model.floated.shape[1], -1.0),
     ]
     if tangent.pad_rows is not None and tangent.pad_corner is not None:
         updates.append(tangent.pad_rows)

@@ -64,9 +64,9 @@ def minimise(
     case.refuse_pads('the conjugate-gradient minimiser')
     edge = borders(model, case)
     rows = edge.held
-    if model.supports is not None:
-        rows = np.concatenate([rows, model.supports.dense(len(model.rest))], axis=1)
-        model = model.with_theory(model.theory, supports=None)
+    if model.held is not None:
+        rows = np.concatenate([rows, model.held.dense(len(model.rest))], axis=1)
+        model = model.with_theory(model.theory, supports=None, grips=())
     basis = la.orth(rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300), rcond=1e-9)
     load = edge.push @ case.force + edge.dead
     wall = float(model.shell.thickness.max())

@@ -226,7 +226,7 @@ class ContactStep:
             iterations=self._iterations,
             factorisations=self._factorisations,
             dead_load=self._loads.dead,
-            support_target=self._loads.target,
+            grip_motion=self._loads.grip_motion,
             pad_load=-press.gradient.reshape(-1),
             pressed_points=tuple(len(touch.pressure) for touch in press.touches),
             touches=press.touches,

@@ -151,7 +151,7 @@ def _follow(
                 np.array([position + step]),
                 ray.dead,
                 np.zeros((1, 6)),
-                state.support_target,
+                state.grip_motion,
             ),
             replace(state, multipliers=np.zeros(driven.held.shape[1])),
             guess,

@@ -41,8 +41,9 @@ class LoadCase:
         lateral: (k, 3) dead force beside the push [N], or None.
         held: whether the mean lateral motion and spin of every patch are kept at zero.
         dead_load: (n, 3) other nodal forces [N], or None.
-        support_target: where the model's support conditions are moved to [m], or None.
         motion: (k, 6) shift [m] and turn [rad] of rigid bodies beside their depth, or None.
+        grip_motion: (g, 6) the same of the model's grips, or None.
+        grip_force: (g, 3) force of the grips along the axes in which they are free [N], or None.
     """
 
     contacts: tuple[ContactPatch, ...]
@@ -51,8 +52,9 @@ class LoadCase:
     lateral: Array | None = None
     held: bool = True
     dead_load: Array | None = None
-    support_target: Array | None = None
     motion: Array | None = None
+    grip_motion: Array | None = None
+    grip_force: Array | None = None
 
     def __post_init__(self) -> None:
         count = len(self.contacts)
@@ -72,6 +74,11 @@ class LoadCase:
             self.motion.shape == (count, 6) and np.all(np.isfinite(self.motion))
         ):
             raise LoadCaseError(f'motion must be {count} x 6 finite numbers')
+        for what, values in (('pose', self.grip_motion), ('force', self.grip_force)):
+            if values is not None and not np.all(np.isfinite(values)):
+                raise LoadCaseError(
+                    f'the {what} of a grip is not finite: {np.asarray(values).tolist()}'
+                )
 
     @property
     def driven(self) -> NDArray[np.bool_]:
@@ -89,6 +96,24 @@ class LoadCase:
         """(k, 6) of the rigid bodies beside their depth, zero where none is given."""
         return np.zeros((len(self.contacts), 6)) if self.motion is None else self.motion
 
+    def grip_motions(self, count: int) -> Array:
+        """(count, 6) of the grips, zero where none is given."""
+        return self._of_grips('motion', self.grip_motion, (count, 6))
+
+    def grip_forces(self, count: int) -> Array:
+        """(count, 3) of the grips, zero where none is given."""
+        return self._of_grips('force', self.grip_force, (count, 3))
+
+    def _of_grips(self, what: str, values: Array | None, shape: tuple[int, int]) -> Array:
+        if values is None:
+            return np.zeros(shape)
+        if values.shape != shape:
+            raise LoadCaseError(
+                f'{shape[0]} grips need a {what} of {shape[0]} x {shape[1]} numbers, got shape '
+                f'{values.shape}'
+            )
+        return values
+
     def refuse_pads(self, method: str) -> None:
         """Raise LoadCaseError where a contact is a pad, which `method` cannot treat."""
         if self.padded.any():
@@ -105,6 +130,11 @@ def displaced(contacts: tuple[ContactPatch, ...], displacement: Array | list[flo
     """Load case with the centre displacement [m] prescribed at every contact."""
     values = np.asarray(displacement, dtype=float)
     return LoadCase(contacts, np.full(len(values), np.nan), values)
+
+
+def gripped(motion: Array, force: Array | None = None) -> LoadCase:
+    """Load case of grips alone: their `motion` (g, 6), and `force` (g, 3) where they are free."""
+    return LoadCase((), np.zeros(0), np.zeros(0), grip_motion=motion, grip_force=force)
 
 
 @dataclass(frozen=True)
@@ -136,7 +166,9 @@ class Equilibrium:
         negative_modes: directions of negative stiffness under these controls, None if not asked.
         dead_load: (3 n,) other load carried [N]; empty for none.
         pad_load: (3 n,) what the rigid pads push with [N]; empty for none.
-        support_target: where support conditions were moved to [m], or None.
+        grip_motion: (g, 6) of the grips, as prescribed; empty without grips.
+        grip_pose: (g, 6) the same with what is free of it. grip_wrench: (g, 6) force [N] on the
+            object, and torque [N m] about the point about which it turns, where that has moved to.
         pressed_points: how many quadrature points each rigid pad or body presses.
         touches: what each rigid body does to the points that it presses; not of pads.
         memory: what the bodies' contacts remember for the next state, None without bodies.
@@ -162,7 +194,9 @@ class Equilibrium:
     negative_modes: int | None = None
     dead_load: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     pad_load: Array = field(default_factory=lambda: np.zeros(0), repr=False)
-    support_target: Array | None = field(default=None, repr=False)
+    grip_motion: Array = field(default_factory=lambda: np.zeros((0, 6)), repr=False)
+    grip_pose: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    grip_wrench: Array = field(default_factory=lambda: np.zeros((0, 6)))
     pressed_points: tuple[int, ...] = ()
     touches: tuple[Touch, ...] = field(default=(), repr=False)
     memory: Memory | None = field(default=None, repr=False)

@@ -20,6 +20,7 @@ from shell_deform.solve.equilibrium import End, Equilibrium, LoadCase, PathState
 from shell_deform.solve.newton_step import NewtonOptions, StepSolver
 from shell_deform.solve.pads import pressed_tangent
 from shell_deform.solve.prediction import StepLoads, control_of, predicted
+from shell_deform.supports.grips import carried_as_one
 from shell_deform.theory import is_linear
 
 __all__ = ['EquilibriumSolver', 'NewtonOptions']
@@ -53,9 +54,10 @@ class EquilibriumSolver(StepSolver):
             np.where(case.driven, case.displacement, 0.0),
             edge.dead,
             case.motions,
-            case.support_target,
+            case.grip_motions(len(self.model.grips)),
         )
-        by_force = not case.padded.any() and not case.driven.any() and case.support_target is None
+        still = np.array_equal(goal.grip_motion, first.grip_motion)
+        by_force = still and not case.padded.any() and not case.driven.any()
         fraction, step = 0.0, 1.0
         iterations = factorisations = 0
         message = ''
@@ -63,7 +65,10 @@ class EquilibriumSolver(StepSolver):
             trial = min(1.0, fraction + step)
             loads = first.towards(goal, trial)
             control = control_of(case, loads)
-            found = self.step(edge, loads, here, predicted(here, control))
+            guess = predicted(here, control)
+            if (along := self._carried_along(here, loads)) is not None:
+                guess = along
+            found = self.step(edge, loads, here, guess)
             iterations += found.iterations
             factorisations += found.factorisations
             if found.converged:
@@ -88,14 +93,13 @@ class EquilibriumSolver(StepSolver):
             factorisations += here.factorisations
             done = not message
         return replace(
-            here,
+            self._balanced(edge, here, case),
             converged=done,
             message='' if done else f'{message} (at {100 * fraction:.1f} % of the load case)',
             iterations=iterations,
             factorisations=factorisations,
             load_fraction=fraction,
             end=end if done or end is End.SNAP else End.LOST,
-            unbalance=self._unbalance(edge, here),
             negative_modes=self.negative_modes(edge, here)
             if self.options.stability or case.padded.any()
             else None,
@@ -176,10 +180,14 @@ class EquilibriumSolver(StepSolver):
         zero = self.rest()
         here = self._on_contacts(zero, case, edge)
         loads = StepLoads(
-            case.force, case.displacement, edge.dead, case.motions, case.support_target
+            case.force,
+            case.displacement,
+            edge.dead,
+            case.motions,
+            case.grip_motions(len(self.model.grips)),
         )
         found = self.step(edge, loads, here, linear=True)
-        return replace(found, unbalance=self._unbalance(edge, found))
+        return self._balanced(edge, found, case)
 
     def _loads_of(self, here: Equilibrium, case: LoadCase) -> StepLoads:
         """What the state `here` carries, seen with the contacts of `case`."""
@@ -190,8 +198,15 @@ class EquilibriumSolver(StepSolver):
             np.where(case.driven, here.displacement, 0.0),
             dead,
             np.zeros((len(case.contacts), 6)) if here.motion is None else here.motion,
-            here.support_target,
+            here.grip_motion,
         )
+
+    def _carried_along(self, here: Equilibrium, loads: StepLoads) -> Array | None:
+        """All unknowns carried along where the grips are all that holds and move as one."""
+        if self.model.supports is not None or len(here.wall) or len(here.force):
+            return None
+        motions = here.grip_motion, loads.grip_motion
+        return carried_as_one(self.model.grips, *motions, here.positions)
 
     def _on_contacts(self, start: Equilibrium, case: LoadCase, edge: Borders) -> Equilibrium:
         """The start state seen with the contacts of `case`."""
@@ -201,20 +216,35 @@ class EquilibriumSolver(StepSolver):
         return replace(
             start,
             displacement=np.where(case.padded, start.displacement, moved) if same else moved,
+            grip_motion=start.grip_motion
+            if len(start.grip_motion)
+            else np.zeros((len(self.model.grips), 6)),
             force=start.force if same else np.zeros(len(case.contacts)),
             motion=start.motion if same else None,
             multipliers=np.zeros(edge.held.shape[1]),
         )
 
-    def _unbalance(self, edge: Borders, state: Equilibrium) -> Array:
-        """Resultant and moment of the applied loads about the origin."""
+    def _balanced(self, edge: Borders, state: Equilibrium, case: LoadCase) -> Equilibrium:
+        """The state with what its loads leave to supports, and what its grips do."""
         push = edge.push if edge.pattern is None else edge.pattern
         carried = push @ state.force + edge.dead[: len(push)]
         if len(state.pad_load):
             carried = carried + state.pad_load
         carried = carried.reshape(-1, 3)
         moment = np.cross(state.positions, carried).sum(axis=0)
-        return np.concatenate([carried.sum(axis=0), moment])
+        unbalance = np.concatenate([carried.sum(axis=0), moment])
+        model, motions = self.model, state.grip_motion
+        if not len(motions):
+            return replace(state, unbalance=unbalance)
+        for grip, force in zip(model.grips, case.grip_forces(len(motions)), strict=True):
+            carried = carried - grip.load(force)
+        held = (edge.held @ state.multipliers)[: carried.size].reshape(-1, 3)
+        reaction = model.wall_force(state.unknowns)[: len(carried)] - carried + held
+        poses, wrenches = np.empty_like(motions), np.empty_like(motions)
+        for k, grip in enumerate(model.grips):
+            poses[k] = grip.shifted(model.rest, state.positions, motions[k])
+            wrenches[k] = grip.wrench(reaction, state.positions, poses[k])
+        return replace(state, unbalance=unbalance, grip_pose=poses, grip_wrench=wrenches)
 
     def negative_modes(self, edge: Borders, state: Equilibrium) -> int:
         """Negative directions of the stiffness among motions the constraints allow.

@@ -181,8 +181,9 @@ class StepSolver:
         `linear` takes one solve with the tangent at the undeformed shape for the answer.
         """
         if borders.field is not None:
-            return ContactStep(self, borders, borders.field, loads).run(start, guess)
+            return ContactStep(self, borders, borders.field, self.aimed(loads)).run(start, guess)
         options = self.options
+        loads = self.aimed(loads)
         now = self._first(borders, loads, start, guess)
         system: BorderedFactor | None = None
         linearised_press: Press | None = None
@@ -341,24 +342,28 @@ class StepSolver:
             iterations=0,
             factorisations=0,
             dead_load=loads.dead[: 3 * len(self.model.rest)],
-            support_target=loads.target,
+            grip_motion=loads.grip_motion,
         )
         if borders.pads is None or now.press is None:
             return state
         return pressed_state(state, borders.pads, now.press)
 
+    def aimed(self, loads: StepLoads) -> StepLoads:
+        """The loads with where they move the springs of the model to."""
+        return replace(loads, target=self.model.held_target(loads.grip_motion))
+
     def support_force(self, moved: Array, target: Array | None) -> float:
         """Force [N] of the supports on the surface moved by (n, 3), towards `target`."""
-        supports = self.model.supports
-        return 0.0 if supports is None else float(np.linalg.norm(supports.force(moved, target)))
+        held = self.model.held
+        return 0.0 if held is None else float(np.linalg.norm(held.force(moved, target)))
 
     def noise_force(self, free: Array) -> float:
         """Force [N] that round-off leaves unbalanced at displacements (N,)."""
         digit = 16.0 * float(np.finfo(float).eps)
         extent = float(np.ptp(self.model.rest, axis=0).max())
         noise = digit * self.model.shell.stiffest * extent
-        if self.model.supports is not None:
-            spring = float(self.model.supports.stiffness.max())
+        if self.model.held is not None:
+            spring = float(self.model.held.stiffness.max())
             noise += digit * spring * float(np.abs(free).max(initial=0.0))
         return noise
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase
+from shell_deform.supports.grips import between
 
 Array = NDArray[np.float64]
 
@@ -23,37 +24,33 @@ class StepLoads:
     Attributes:
         force: (k,) pushes [N], read where they are prescribed. moved: (k,) centre displacements
             [m], likewise. dead: (N,) other dead load [N]. motion: (k, 6) of rigid bodies beside
-            their depth [m, rad]. target: what supports are moved to.
+            their depth, grip_motion: (g, 6) of grips [m, rad]. target: where that moves the
+            springs of what is held; None for nowhere, and until `StepSolver.aimed` knows.
     """
 
     force: Array
     moved: Array
     dead: Array
     motion: Array
+    grip_motion: Array
     target: Array | None = None
 
     def towards(self, goal: StepLoads, fraction: float) -> StepLoads:
         """The loads at this fraction of the way to `goal`."""
-        target = goal.target
-        if target is not None:
-            start = np.zeros_like(target) if self.target is None else self.target
-            target = start + fraction * (target - start)
         return StepLoads(
             self.force + fraction * (goal.force - self.force),
             self.moved + fraction * (goal.moved - self.moved),
             self.dead + fraction * (goal.dead - self.dead),
-            self.motion + fraction * (goal.motion - self.motion),
-            target,
+            between(self.motion, goal.motion, fraction),
+            between(self.grip_motion, goal.grip_motion, fraction),
         )
 
 
 def control_of(case: LoadCase, loads: StepLoads) -> Array:
     """What is prescribed, as one vector along which a path can be continued."""
-    others = [np.linalg.norm(loads.dead)]
-    if loads.target is not None:
-        others.append(np.linalg.norm(loads.target))
     prescribed = np.where(case.driven, loads.moved, loads.force)
-    return np.concatenate([prescribed, loads.motion.ravel(), others])
+    others = [prescribed, loads.motion.ravel(), loads.grip_motion.ravel()]
+    return np.concatenate([*others, [np.linalg.norm(loads.dead)]])
 
 
 def predicted(here: Equilibrium, control: Array) -> Array | None:

@@ -17,10 +17,10 @@ from shell_deform.contact.loads import surface_load
 from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject
 from shell_deform.objects.shell_object import Cylinder
-from shell_deform.readout import support_forces
-from shell_deform.solve.equilibrium import Equilibrium, LoadCase, forced
+from shell_deform.solve.equilibrium import Equilibrium, LoadCase, forced, gripped
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
 from shell_deform.supports import clamp, hold_position, joined
+from shell_deform.supports.grips import arc_motion, grip
 from shell_deform.surface.control_mesh import ControlMesh, control_mesh, moved
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.theory.material import Material
@@ -107,22 +107,13 @@ def slit_tube(cells: tuple[int, int] = (48, 24)) -> Verified:
         grid = grid_surface(tube, cells)
         shell = discretise(grid.mesh, material, thickness)
         ends = [grid.edge('t0'), grid.edge('t1')]
-        held = [hold_position(shell, end, np.stack([X, Y])) for end in ends]
+        lower, upper = (hold_position(shell, end, np.stack([X, Y])) for end in ends)
         axial = hold_position(shell, ends[0][cells[0] // 2 :][:1], Z[None])
-        model = ShellModel(shell, supports=joined([*held, axial]))
-        points = model.surface.limit_positions(model.rest)[ends[1]]
+        turned = grip('upper', shell, [upper], np.zeros(3))
+        model = ShellModel(shell, supports=joined([lower, axial]), grips=(turned,))
         angle = 1e-5
-        target = np.concatenate(
-            [
-                np.zeros(len(held[0].stiffness)),
-                (angle * np.cross(Z, points))[:, :2].ravel(),
-                np.zeros(1),
-            ]
-        )
-        state = _moved_supports(model, target, 1)
-        reaction = support_forces(model, state.positions, np.zeros_like(model.rest))
-        near = model.rest[:, 2] > 0.5 * length
-        torque = float(np.cross(model.rest, reaction)[near, 2].sum())
+        state = _turned_to(model, np.concatenate([np.zeros(3), angle * Z])[None])
+        torque = float(state.grip_wrench[0, 5])
     shear_modulus = 1e9 / 2.6
     exact = 2.0 * np.pi * radius * shear_modulus * thickness**3 / 3.0 * angle / length
     return Verified(
@@ -148,10 +139,13 @@ def turned_tube(theory: str, turn: str) -> Verified:
         shell = build_model(tube).shell
         rim, _ = boundary_vertices(shell.mesh)
         points = LimitSurface(shell.mesh).limit_positions(shell.mesh.vertices)[rim]
-        model = ShellModel(shell, theory, supports=hold_position(shell, rim, np.eye(3)))
+        ends = np.sign(points[:, 2])
+        held = [hold_position(shell, rim[ends == side], np.eye(3)) for side in (-1, 1)]
+        upper = grip('upper', shell, [held[1]], 0.5 * length * Z)
+        model = ShellModel(shell, theory, supports=held[0], grips=(upper,))
         steps = 1 if theory == 'linear' else 12
-        ways = [_turned(points, length, k * angle / steps, turn) for k in range(1, steps + 1)]
-        state = _moved_supports(model, np.stack(ways), steps)
+        angles = angle / steps * np.arange(1, steps + 1)
+        state = _turned_to(model, np.stack([_end_motion(length, a, turn) for a in angles]))
         width = _section_width(model, state)
     flattening = 0.0
     if turn == 'bend':
@@ -163,20 +157,11 @@ def turned_tube(theory: str, turn: str) -> Verified:
     )  # fmt: skip
 
 
-def _turned(points: Array, length: float, angle: float, turn: str) -> Array:
-    """Motion (3 v,) of rim points (v, 3): lower end fixed, upper end turned."""
-    upper = points[:, 2] > 0.0
-    cos, sin = np.cos(angle), np.sin(angle)
-    moved_to = points.copy()
+def _end_motion(length: float, angle: float, turn: str) -> Array:
+    """(6,) shift and turn of the upper end: about the axis, or along a circular arc."""
     if turn == 'twist':
-        rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        moved_to[upper] = points[upper] @ rotation.T
-    else:
-        rotation = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
-        arc = length / angle
-        end = np.array([arc * (1.0 - cos), 0.0, arc * sin - 0.5 * length])
-        moved_to[upper] = end + (points[upper] - [0.0, 0.0, 0.5 * length]) @ rotation.T
-    return (moved_to - points).ravel()
+        return np.concatenate([np.zeros(3), angle * Z])
+    return arc_motion(Z, Y, length, angle)
 
 
 def _section_width(model: ShellModel, state: Equilibrium) -> float:
@@ -189,13 +174,12 @@ def _section_width(model: ShellModel, state: Equilibrium) -> float:
     return float(np.linalg.norm(now[0] - now[1]) / before)
 
 
-def _moved_supports(model: ShellModel, targets: Array, steps: int) -> Equilibrium:
-    """Equilibrium with the supports moved to `targets` (steps, k) one after the other [m]."""
+def _turned_to(model: ShellModel, motions: Array) -> Equilibrium:
+    """Equilibrium with the one grip taken through `motions` (s, 6)."""
     solver = EquilibriumSolver(model, NewtonOptions(largest_move=40.0))
     state = solver.rest()
-    for target in targets.reshape(steps, -1):
-        case = LoadCase((), np.zeros(0), np.zeros(0), support_target=target)
-        state = solver.solve(case, state)
+    for motion in motions:
+        state = solver.solve(gripped(motion[None]), state)
     return state
 
 

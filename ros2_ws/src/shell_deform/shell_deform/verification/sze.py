@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from shell_deform.assemble.discretisation import discretise
 from shell_deform.contact.loads import ContactPatch, line_load
 from shell_deform.model import ShellModel
-from shell_deform.solve.equilibrium import Equilibrium, LoadCase, forced
+from shell_deform.solve.equilibrium import Equilibrium, LoadCase, forced, gripped
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
 from shell_deform.supports import clamp, hold_slope, joined, symmetry
+from shell_deform.supports.grips import grip
 from shell_deform.theory.material import Material
 from shell_deform.verification.grid_surface import (
     GridSurface,
@@ -116,20 +117,16 @@ def cantilever_moment(cells: tuple[int, int] = (80, 4)) -> Curve:
         end = grid.edge('s1')
         turn = hold_slope(shell, end, np.tile(X, (len(end), 1)), np.stack([X, Z]))
         root = clamp(shell, grid.edge('s0'), X)
-        model = ShellModel(shell, supports=joined([*root, turn]))
-        fixed = sum(len(part.stiffness) for part in root)
-        edge_length = np.sqrt(shell.area / int(shell.mesh.active.sum()))
+        model = ShellModel(
+            shell, supports=joined(root), grips=(grip('end', shell, [turn], np.zeros(3)),)
+        )
         solver = EquilibriumSolver(model)
         tip = point_load(model, int(end[cells[1] // 2]), Z)
         state, ours, message = solver.rest(), [], ''
         steps = np.linspace(0.0, 1.0, 81)[1:]
         for fraction in steps:
-            angle = 2.0 * np.pi * fraction
-            slope = edge_length * np.array([np.cos(angle) - 1.0, np.sin(angle)])
-            target = np.concatenate([np.zeros(fixed), np.tile(slope, len(end))])
-            state = solver.solve(
-                LoadCase((), np.zeros(0), np.zeros(0), support_target=target), state
-            )
+            motion = np.concatenate([np.zeros(3), -2.0 * np.pi * fraction * Y])
+            state = solver.solve(gripped(motion[None]), state)
             message = state.message
             if not state.converged:
                 break

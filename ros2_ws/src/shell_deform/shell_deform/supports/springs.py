@@ -22,8 +22,10 @@ lies between the two.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from shell_deform.assemble.discretisation import Discretisation
@@ -44,41 +46,78 @@ class SupportError(ValueError):
 class SupportRows:
     """Linear conditions on the displacement: each row is kept near zero by its spring.
 
+    What holds them may itself float: f common motions of all rows cost nothing, and the springs
+    feel what is left of a motion without them.
+
     Attributes:
         offsets: (k + 1,) rows k use entries offsets[k]:offsets[k + 1].
         nodes: control points of the entries. coefficients: (e, 3) what multiplies their motion.
         stiffness: (k,) spring constants [N/m] (rows are scaled to metres).
+        floating: (k, f) how the rows move in each free motion, orthonormal under the stiffness;
+            None where nothing floats.
     """
 
     offsets: Index
     nodes: Index
     coefficients: Array
     stiffness: Array
+    floating: Array | None = None
+
+    @cached_property
+    def _row(self) -> Index:
+        """The row of every entry."""
+        return np.repeat(np.arange(len(self.stiffness)), np.diff(self.offsets))
+
+    @property
+    def floats(self) -> Array:
+        """(k, f) `floating`, of no columns where nothing floats."""
+        return np.zeros((len(self.stiffness), 0)) if self.floating is None else self.floating
 
     def dense(self, size: int) -> Array:
-        """The rows as columns of a dense (3 size, k) matrix."""
+        """The rows, without what floats, as columns of a dense (3 size, k) matrix."""
         rows = np.zeros((size, len(self.stiffness), 3))
-        row = np.repeat(np.arange(len(self.stiffness)), np.diff(self.offsets))
-        np.add.at(rows, (self.nodes, row), self.coefficients)
-        return np.swapaxes(rows, 1, 2).reshape(3 * size, -1)
+        np.add.at(rows, (self.nodes, self._row), self.coefficients)
+        columns = np.swapaxes(rows, 1, 2).reshape(3 * size, -1)
+        if self.floating is None:
+            return columns
+        return columns - columns @ (self.stiffness[:, None] * self.floating) @ self.floating.T
+
+    def motion(self, displacement: Array) -> Array:
+        """(k,) the rows of control displacements (n, 3) [m]."""
+        products = np.einsum('ei,ei->e', self.coefficients, displacement[self.nodes])
+        motion = np.zeros(len(self.stiffness))
+        np.add.at(motion, self._row, products)
+        return motion
 
     def stretch(self, displacement: Array, target: Array | None = None) -> Array:
         """(k,) what each condition lacks [m] for control displacements (n, 3).
 
-        `target` (k,) is where the conditions are moved to; None keeps them at zero.
+        `target` (k,) is where the conditions are moved to; None keeps them at zero. What floats
+        follows.
         """
-        row = np.repeat(np.arange(len(self.stiffness)), np.diff(self.offsets))
-        products = np.einsum('ei,ei->e', self.coefficients, displacement[self.nodes])
-        motion = np.zeros(len(self.stiffness))
-        np.add.at(motion, row, products)
-        return motion if target is None else motion - target
+        stretch = self.motion(displacement)
+        if target is not None:
+            stretch -= target
+        if self.floating is not None:
+            stretch -= self.floating @ (self.floating.T @ (self.stiffness * stretch))
+        return stretch
 
     def force(self, displacement: Array, target: Array | None = None) -> Array:
         """(n, 3) gradient of the spring energy [N] at control displacements (n, 3)."""
         pull = self.stiffness * self.stretch(displacement, target)
-        row = np.repeat(np.arange(len(self.stiffness)), np.diff(self.offsets))
-        result = np.zeros_like(displacement)
-        np.add.at(result, self.nodes, pull[row, None] * self.coefficients)
+        return self.nodal(pull, len(displacement))
+
+    def nodal(self, pull: Array, size: int) -> Array:
+        """(size, 3) nodal forces [N] of forces (k,) along the rows."""
+        result = np.zeros((size, 3))
+        np.add.at(result, self.nodes, pull[self._row, None] * self.coefficients)
+        return result
+
+    def floated(self, size: int) -> Array:
+        """(3 size, f) what the floating motions take off the springs' stiffness: minus V V^T."""
+        result = np.zeros((3 * size, self.floats.shape[1]))
+        for number, column in enumerate(self.floats.T):
+            result[:, number] = self.nodal(self.stiffness * column, size).reshape(-1)
         return result
 
     def energy(self, displacement: Array, target: Array | None = None) -> float:
@@ -107,11 +146,13 @@ def joined(parts: list[SupportRows]) -> SupportRows | None:
     if not parts:
         return None
     counts = np.concatenate([np.diff(part.offsets) for part in parts])
+    floating = any(part.floating is not None for part in parts)
     return SupportRows(
         np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         np.concatenate([part.nodes for part in parts]),
         np.concatenate([part.coefficients for part in parts]),
         np.concatenate([part.stiffness for part in parts]),
+        scipy.linalg.block_diag(*(part.floats for part in parts)) if floating else None,
     )
 
 

@@ -73,6 +73,26 @@ def test_impossible_numbers_are_named():
         two_pads(0.3, push=np.nan)
 
 
+def test_two_points_do_not_close_for_a_third_that_cannot_press():
+    """Whatever the first two could do alone: the third lies outside its cone at any push.
+
+    Balanced forces of three points lie in the plane through them; the third normal leans out of
+    it by 40 degrees.
+    """
+    lean = np.radians(40.0)
+    grasp = three_pins(0.7)
+    normal = grasp.normal.copy()
+    normal[:2] = np.array([[-np.sqrt(0.75), 0.5, 0.0], [np.sqrt(0.75), -0.5, 0.0]])
+    normal[2] = np.cos(lean) * normal[2] + [0.0, 0.0, np.sin(lean)]
+    found = closure(contacts(grasp.point, normal, 10.0, 0.7))
+    assert not found.closed
+    assert 0.7 * found.needed == pytest.approx(np.tan(lean), rel=1e-5)
+    assert closure(contacts(grasp.point, normal, 10.0, 0.85)).closed
+    assert closure(contacts(grasp.point, normal, 10.0, 0.7), 0.3).needed == pytest.approx(
+        found.needed, rel=1e-5
+    )
+
+
 def _agreement(count, edges, seed):
     rng = np.random.default_rng(seed)
     right, far = 0, []
@@ -164,57 +184,68 @@ def _sigmas(count):
     return Sigmas(np.full(count, 1e-3), np.full(count, 0.05), 0.1)
 
 
-def _drawn(rng, count):
-    """A grasp near the edge of closure, its probability, and whether one draw of it is closed."""
+def _near_the_edge(rng, count):
+    """A grasp near the edge of closure, and its closure."""
     while True:
         friction = rng.uniform(0.2, 0.9)
+        lean = (0.35 if count == 2 else 0.5) * rng.normal(size=(count, 3))
+        base = rng.normal(size=(count, 3))
+        base /= np.linalg.norm(base, axis=1)[:, None]
         if count == 2:
-            lean = 0.35 * rng.normal(size=(2, 3))
             base = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
-        else:
+        elif count == 3:
             angle = np.radians([0.0, 120.0, 240.0]) + 0.3 * rng.normal(size=3)
             base = np.stack([np.cos(angle), np.sin(angle), 0.1 * rng.normal(size=3)], axis=1)
-            lean = 0.5 * rng.normal(size=(3, 3))
         normal = -base + lean
         normal /= np.linalg.norm(normal, axis=1)[:, None]
         grasp = contacts(0.03 * base, normal, 10.0, friction, 1.3e-3)
         found = closure(grasp)
-        sigmas = _sigmas(count)
-        if abs(found.needed - 1.0) < 3.0 * closure_sigma(grasp, found, sigmas):
-            break
-    turn = sigmas.normal[:, None] * rng.normal(size=(count, 3))
-    turned = normal + np.cross(turn, normal)
-    true = contacts(
-        grasp.point + sigmas.point[:, None] * rng.normal(size=(count, 3)),
+        if abs(found.needed - 1.0) < 3.0 * closure_sigma(grasp, found, _sigmas(count)):
+            return grasp, found
+
+
+def _drawn(rng, grasp, sigmas):
+    """A grasp with errors of these sigmas."""
+    turn = sigmas.normal[:, None] * rng.normal(size=(grasp.count, 3))
+    turned = grasp.normal + np.cross(turn, grasp.normal)
+    return contacts(
+        grasp.point + sigmas.point[:, None] * rng.normal(size=(grasp.count, 3)),
         turned / np.linalg.norm(turned, axis=1)[:, None],
         10.0,
-        max(friction * (1.0 + sigmas.friction * rng.normal()), 0.0),
+        np.maximum(grasp.friction * (1.0 + sigmas.friction * rng.normal()), 0.0),
         grasp.arm,
     )
-    return closure_probability(grasp, found, sigmas), closure(true).closed
 
 
-def _calibration(draws, count, seed):
+def _calibration(grasps, draws, count, seed):
+    """Of ten bins of the probability: how far it is from the share of closed draws, and noise.
+
+    Several draws of each grasp: with one, the noise of a bin is as large as the goal.
+    """
     rng = np.random.default_rng(seed)
-    told, true = np.array([_drawn(rng, count) for _ in range(draws)]).T
+    sigmas = _sigmas(count)
+    told, true = np.zeros(grasps), np.zeros(grasps)
+    for i in range(grasps):
+        grasp, found = _near_the_edge(rng, count)
+        told[i] = closure_probability(grasp, found, sigmas)
+        true[i] = np.mean([closure(_drawn(rng, grasp, sigmas)).closed for _ in range(draws)])
     bins = np.minimum((10.0 * told).astype(int), 9)
-    away, noise = [], []
-    for number in range(10):
-        here = bins == number
-        away.append(abs(told[here].mean() - true[here].mean()))
-        noise.append(np.sqrt(max(told[here].mean() * (1 - told[here].mean()), 1e-4) / here.sum()))
-    return np.array(away), np.array(noise)
+    error = [(told - true)[bins == number] for number in range(10)]
+    away = np.array([abs(here.mean()) for here in error])
+    noise = np.array([here.std() / np.sqrt(len(here)) for here in error])
+    print(count, np.round(away, 4).tolist(), np.round(noise, 4).tolist())
+    return away, noise
 
 
-@pytest.mark.parametrize('count', [2, 3])
+@pytest.mark.parametrize('count', [2, 3, 4])
 def test_the_probability_of_closure_is_kept_by_draws(count):
-    away, noise = _calibration(600, count, 5)
+    away, noise = _calibration(300, 4, count, 5)
     assert np.all(away < 0.03 + 4.0 * noise)
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(3000)
-@pytest.mark.parametrize('count', [2, 3])
+@pytest.mark.parametrize('count', [2, 3, 4, 5])
 def test_the_probability_of_closure_is_kept_within_three_percent(count):
-    away, noise = _calibration(10_000, count, 6)
+    away, noise = _calibration(10_000, 8, count, 6)
     assert np.all(away < 0.03 + noise)

@@ -38,6 +38,9 @@ NARROWED = 1e-6
 SMALLEST_SHARE = 1e-6
 """Less friction than this counts as none."""
 
+LEAST_PRESSED = 1e-5
+"""A contact with less of the mean push takes no part: round-off presses as much."""
+
 MOST_NARROWINGS = 40
 
 
@@ -103,33 +106,62 @@ def _narrowed(
 ) -> tuple[float, Array, Array, float] | None:
     """Least share of friction, squeeze (k, 4), multipliers (7,), slope; None where there is none.
 
-    Dinkelbach's method (Manage. Sci. 13(7):492, 1967): the margin at a share gives a squeeze, the
-    squeeze its own share, which is less.
+    The margin at a share gives a squeeze, and the squeeze its own share, which is never too small
+    (Dinkelbach, Manage. Sci. 13(7):492, 1967). Newton's step on the margin goes farther; where it
+    leaves what is known to be too small or large, a place between is tried, nearer to the small
+    one each time because Newton's steps end nearer to the answer each time.
     """
     share = min(steepest, 1.0 if guess is None else guess * (1.0 + 1e-4) + SMALLEST_SHARE)
+    low, best, between, lost = 0.0, None, 0.5, False
     for _ in range(MOST_NARROWINGS):
-        try:
-            margin, squeeze, multipliers = _widest(wrenches, share)
-        except ConeError:
-            # Pushes without bound: nothing balances but contacts that pull as hard as others push.
-            if share >= steepest:
-                return None
-            share = min(STEEPENING * share, steepest)
-            continue
-        slope = max(-float(multipliers[:6] @ wrenches[:, :, 0] @ squeeze[:, 0]) / share, 1e-12)
-        pushes = squeeze[:, 0]
-        across = np.linalg.norm(squeeze[:, 1:], axis=1)
-        if abs(margin) <= NARROWED:
-            return share - margin / slope, squeeze, multipliers, slope
-        if np.any(pushes <= 0.0) or (margin < 0.0 and share >= steepest):
-            if share >= steepest:
-                return None
-            share = min(STEEPENING * share, steepest)
-            continue
-        share = min(float((across / pushes).max()), steepest)
-        if share < SMALLEST_SHARE:
+        found = _squeezed(wrenches, share)
+        if found is None:
+            low = share
+            if best is None:
+                if share >= steepest:
+                    return None
+                share = min(STEEPENING * share, steepest)
+                continue
+        else:
+            margin, squeeze, multipliers = found
+            pushes = squeeze[:, 0]
+            slope = max(-float(multipliers[:6] @ wrenches[:, :, 0] @ pushes) / share, 1e-12)
+            if abs(margin) <= NARROWED * pushes.min():
+                return share - margin / slope, squeeze, multipliers, slope
+            if margin < 0.0:
+                if share >= steepest:
+                    return None
+                low = share
+            own = float((np.linalg.norm(squeeze[:, 1:], axis=1) / pushes).max())
+            if best is None or own < best[0]:
+                best = own, squeeze, multipliers, slope
+            if own < SMALLEST_SHARE:
+                break
+            steeper = 1.0 + margin / (slope * share)
+            share = min(share / steeper, best[0]) if steeper > 0.0 else best[0]
+        if best[0] - low <= NARROWED * best[0]:
             break
-    return share, squeeze, multipliers, slope
+        between = 0.5 if found is None and lost else between
+        lost = found is None
+        if lost or not share > low:
+            share = low + between * (best[0] - low)
+            between = between**2
+        share = min(share, steepest)
+    return best
+
+
+def _squeezed(wrenches: Array, share: float) -> tuple[float, Array, Array] | None:
+    """`_widest` where every contact presses, otherwise None.
+
+    Contacts that lie outside their cones whatever they do leave the others a margin of exactly
+    zero at any share of their friction: the squeeze is then theirs, and says nothing of the grasp.
+    A programme without end is one whose contacts pull as hard as others push.
+    """
+    try:
+        found = _widest(wrenches, share)
+    except ConeError:
+        return None
+    return found if found[1][:, 0].min() > LEAST_PRESSED else None
 
 
 def _widest(wrenches: Array, share: float) -> tuple[float, Array, Array]:

@@ -3,18 +3,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import erf, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.grasp.closure import Closure
-from shell_deform.grasp.contacts import GraspContacts
+from shell_deform.grasp.closure import Closure, closure
+from shell_deform.grasp.contacts import GraspContacts, cross
 
 Array = NDArray[np.float64]
 
 LEAST_SIGMA = 1e-12
+
+CERTAIN = 4.0
+"""Sigmas between a grasp and the edge of closure beyond which nothing is looked at closer."""
+
+FARTHEST_LOOK = 2.5
+"""Sigmas from a grasp beyond which no other is looked at."""
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
 
@@ -36,27 +42,78 @@ class Sigmas:
 
 def closure_sigma(grasp: GraspContacts, found: Closure, sigmas: Sigmas) -> float:
     """Sigma of `Closure.needed` [-]."""
-    turn = found.by_normal
-    turn = turn - np.einsum('ki,ki->k', turn, grasp.normal)[:, None] * grasp.normal
-    variance = (sigmas.point**2) @ np.einsum('ki,ki->k', found.by_point, found.by_point)
-    variance += (sigmas.normal**2) @ np.einsum('ki,ki->k', turn, turn)
-    return float(np.sqrt(variance + (found.needed * sigmas.friction) ** 2))
+    return _Slopes.of(grasp, found, sigmas).size
 
 
 def closure_probability(grasp: GraspContacts, found: Closure, sigmas: Sigmas) -> float:
     """Probability that the grasp is force-closed [-].
 
     Two contacts close where both cones hold the line between them: two events that have points
-    and friction in common. With more contacts all cones tighten together, and the needed share
-    of the friction is as good as linear.
+    and friction in common. With more contacts all cones tighten together: the probability is that
+    of the side of a plane, which touches the edge of closure where it is likeliest to be met
+    (first-order reliability, Hasofer & Lind, J. Eng. Mech. 100(1):111, 1974).
     """
     if not len(found.squeeze) or (found.why and found.needed < 1.0):
         return 0.0
     if grasp.count == 2:
         return _of_two(grasp, sigmas)
-    sigma = closure_sigma(grasp, found, sigmas)
-    needed = found.needed + _lengthened(grasp, found, sigmas)
-    return normal_share((1.0 - needed) / max(sigma, LEAST_SIGMA))
+    slopes = _Slopes.of(grasp, found, sigmas)
+    far = (1.0 - found.needed) / max(slopes.size, LEAST_SIGMA)
+    if abs(far) < CERTAIN:
+        far = _at_the_edge(grasp, slopes, sigmas, far)
+    return normal_share(far)
+
+
+@dataclass(frozen=True)
+class _Slopes:
+    """Change of `needed` by one sigma of each point (k, 3), normal (k, 3), and of the friction."""
+
+    point: Array
+    normal: Array
+    friction: float
+
+    @classmethod
+    def of(cls, grasp: GraspContacts, found: Closure, sigmas: Sigmas) -> _Slopes:
+        """Those of a grasp; a normal that turns about itself changes nothing."""
+        turn = found.by_normal
+        turn = turn - np.einsum('ki,ki->k', turn, grasp.normal)[:, None] * grasp.normal
+        return cls(
+            found.by_point * sigmas.point[:, None],
+            turn * sigmas.normal[:, None],
+            -found.needed * sigmas.friction,
+        )
+
+    def along(self, other: _Slopes) -> float:
+        """Their inner product."""
+        return float(
+            np.vdot(self.point, other.point)
+            + np.vdot(self.normal, other.normal)
+            + self.friction * other.friction
+        )
+
+    @property
+    def size(self) -> float:
+        """Their length."""
+        return float(np.sqrt(self.along(self)))
+
+
+def _at_the_edge(grasp: GraspContacts, slopes: _Slopes, sigmas: Sigmas, far: float) -> float:
+    """Distance to the edge of closure in sigmas from a second look there, `far` by the first."""
+    steps = float(np.clip(far, -FARTHEST_LOOK, FARTHEST_LOOK)) / slopes.size
+    turn = steps * sigmas.normal[:, None] * slopes.normal
+    normal = grasp.normal + cross(turn, grasp.normal)
+    there = replace(
+        grasp,
+        point=grasp.point + steps * sigmas.point[:, None] * slopes.point,
+        normal=normal / np.linalg.norm(normal, axis=1)[:, None],
+        friction=grasp.friction * max(1.0 + steps * sigmas.friction * slopes.friction, 0.0),
+    )
+    found = closure(there, 1.0)
+    if not len(found.squeeze):
+        return far
+    own = _Slopes.of(there, found, sigmas)
+    needed = found.needed + _lengthened(there, found, sigmas)
+    return (steps * own.along(slopes) + 1.0 - needed) / max(own.size, LEAST_SIGMA)
 
 
 def _lengthened(grasp: GraspContacts, found: Closure, sigmas: Sigmas) -> float:

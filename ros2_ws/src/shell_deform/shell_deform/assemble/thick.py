@@ -14,7 +14,7 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -55,6 +55,9 @@ Index = NDArray[np.int64]
 
 MOST_INCOMPRESSIBLE = 0.4999
 """Largest Poisson's ratio: J = 1 at two heights has no solution in some states of a bent wall."""
+
+THREADS = 2
+"""Halves of the points that are summed in two threads, on any machine: sums keep their order."""
 
 EXTRA_COMPLIANCE = 1e-2
 """Compliance of a pin's face over that of the wall, h / E. A nearly incompressible wall cannot be
@@ -193,37 +196,35 @@ class ThickShell(Discretisation):
 
     def gradient(self, theory: str, positions: Array) -> tuple[float, Array]:
         """Strain energy [J] and its gradient by all unknowns [N]; `theory` is always thick."""
-        positions = np.ascontiguousarray(positions)
-        gradient = np.zeros_like(positions)
-        elements = len(self.elements.offsets) - 1
-        energy = self._kernel(False, 0, elements, positions, 0.0, gradient, np.zeros(0))
-        return energy, gradient if np.isfinite(energy) else np.full_like(gradient, np.nan)
+        energy, gradient, _ = self._assembled(False, positions, 0.0)
+        return energy, gradient
 
     def tangent(
         self, theory: str, positions: Array, pressure: float = 0.0
     ) -> tuple[float, Array, Array]:
         """Strain energy [J], gradient [N] and stiffness values of `pattern`."""
+        return self._assembled(True, positions, pressure)
+
+    def _assembled(
+        self, stiff: bool, positions: Array, pressure: float
+    ) -> tuple[float, Array, Array]:
+        self._refuse_others(positions)
         positions = np.ascontiguousarray(positions)
-        elements = len(self.elements.offsets) - 1
-        bounds = [elements * i // self.threads for i in range(self.threads + 1)]
+        # Halves of the points: elements under a pin have many.
+        bounds = np.searchsorted(
+            self.point_offsets,
+            np.linspace(0, self.point_offsets[-1], self.threads + 1).astype(np.int64),
+        )
 
         def part(number: int) -> tuple[float, Array, Array]:
             gradient = np.zeros_like(positions)
-            data = np.zeros(len(self.pattern.indices))
+            data = np.zeros(len(self.pattern.indices) if stiff else 0)
             energy = self._kernel(
-                True, bounds[number], bounds[number + 1], positions, pressure, gradient, data
+                stiff, bounds[number], bounds[number + 1], positions, pressure, gradient, data
             )
             return energy, gradient, data
 
-        if self.threads == 1:
-            energy, gradient, data = part(0)
-        else:
-            with ThreadPoolExecutor(self.threads) as pool:
-                energies, gradients, values = zip(
-                    *pool.map(part, range(self.threads)), strict=True
-                )
-            energy = sum(energies)
-            gradient, data = np.sum(gradients, axis=0), np.sum(values, axis=0)
+        energy, gradient, data = part(0) if self.threads == 1 else _summed(part, self.threads)
         if not np.isfinite(energy):
             gradient = np.full_like(gradient, np.nan)
         return energy, gradient, data
@@ -295,11 +296,20 @@ class ThickShell(Discretisation):
         self._refuse_others(positions)
         out = np.zeros((len(points), 17))
         element = np.searchsorted(self.point_offsets, points, side='right') - 1
-        arguments: Any = (
-            *self._arguments, np.ascontiguousarray(positions), np.asarray(points, np.int64),
-            element.astype(np.int64), out,
-        )  # fmt: skip
-        return out if thick_kernels.point_states(*arguments) else None
+        bounds = np.linspace(0, len(points), self.threads + 1).astype(np.int64)
+        chosen, positions = np.asarray(points, np.int64), np.ascontiguousarray(positions)
+
+        def part(number: int) -> bool:
+            own = slice(bounds[number], bounds[number + 1])
+            arguments: Any = (
+                *self._arguments, positions, chosen[own], element[own].astype(np.int64), out[own],
+            )  # fmt: skip
+            return bool(thick_kernels.point_states(*arguments))
+
+        if self.threads == 1:
+            return out if part(0) else None
+        with ThreadPoolExecutor(self.threads) as pool:
+            return out if all(pool.map(part, range(self.threads))) else None
 
     def _refuse_others(self, positions: Array) -> None:
         """Raise ValueError for unknowns that are not this shell's: kernels would read beyond."""
@@ -313,7 +323,6 @@ class ThickShell(Discretisation):
         gradient: Array, data: Array,
     ) -> float:  # fmt: skip
         pattern = self.pattern
-        self._refuse_others(positions)
         elements, points, stamps, material = self._arguments
         offsets, nodes, controls, shears, point_offsets, row_offsets = elements
         part = (
@@ -418,13 +427,22 @@ class ThickShell(Discretisation):
         return sp.diags(1.0 / np.where(total > 0, total, 1.0)) @ matrix
 
 
+def _summed(
+    part: Callable[[int], tuple[float, Array, Array]], threads: int
+) -> tuple[float, Array, Array]:
+    """Sums of what the parts give, in their order, each in a thread of its own."""
+    with ThreadPoolExecutor(threads) as pool:
+        energies, gradients, values = zip(*pool.map(part, range(threads)), strict=True)
+    return sum(energies), np.sum(gradients, axis=0), np.sum(values, axis=0)
+
+
 def thick_shell(
     mesh: ControlMesh,
     material: Material,
     thickness: float | Array,
     stamps: Sequence[Stamp] = (),
     everywhere: bool = False,
-    threads: int = 1,
+    threads: int = THREADS,
 ) -> ThickShell:
     """Discretise the limit surface of `mesh` as a thick wall of `thickness` [m] under pins.
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from shell_deform.assemble.discretisation import Discretisation
 from shell_deform.contact.bodies import Body
 from shell_deform.contact.pads import Pad
+from shell_deform.surface.closest_point import ClosestPoints
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.frames import lateral_vectors
 from shell_deform.surface.limit import LimitSurface
@@ -119,9 +120,7 @@ def contact_patch(
     normal = centre.normal[0]
     point = centre.position[0]
     push = -normal if axis is None else np.asarray(axis, float) / np.linalg.norm(axis)
-    triangle, parameters, weight, offset = _disc_points(
-        surface, point, normal, radius, PROFILES[profile]
-    )
+    triangle, parameters, weight, offset = _disc_points(surface, centre, radius, PROFILES[profile])
     rows = basis_rows(mesh, triangle, parameters)
     row_of = np.repeat(np.arange(len(weight)), np.diff(rows.node_offsets))
     weighted = weight[row_of] * rows.values
@@ -146,8 +145,7 @@ def contact_patch(
 
 def _disc_points(
     surface: LimitSurface,
-    point: Array,
-    normal: Array,
+    centre: ClosestPoints,
     radius: float,
     pressure: Callable[[Array], Array],
 ) -> tuple[NDArray[np.int64], Array, Array, Array]:
@@ -156,6 +154,7 @@ def _disc_points(
     Gauss points in the squared radius and equal angles give equal areas on a plane; on a curved
     surface the distance along it is the chord stretched by the turn of the normal.
     """
+    point, normal = centre.position[0], centre.normal[0]
     nodes, gauss = np.polynomial.legendre.leggauss(RADIAL_POINTS)
     arc = radius * np.sqrt(0.5 * (nodes + 1.0))
     angle = 2.0 * np.pi * (np.arange(ANGULAR_POINTS) + 0.5) / ANGULAR_POINTS
@@ -164,7 +163,7 @@ def _disc_points(
     target = np.repeat(arc, ANGULAR_POINTS)
     direction = np.tile(direction, (RADIAL_POINTS, 1))
     reach = target.copy()
-    seeds = None
+    seeds = _seeds_outward(surface, centre, point + reach[:, None] * direction)
     for _ in range(3):
         found = surface.closest_point(
             surface.mesh.vertices, point + reach[:, None] * direction, seeds=seeds
@@ -179,6 +178,23 @@ def _disc_points(
     share = 0.5 * gauss * pressure(0.5 * (nodes + 1.0))
     weight = np.repeat(share, ANGULAR_POINTS) * np.sinc(turn / np.pi)
     return found.triangle, found.parameters, weight / weight.sum(), offset
+
+
+def _seeds_outward(
+    surface: LimitSurface, centre: ClosestPoints, queries: Array
+) -> tuple[NDArray[np.int64], Array]:
+    """Triangles and parameters of the feet of rings of queries, each sought from the ring within.
+
+    The surface is followed from the centre, so that another sheet behind it is never found.
+    """
+    triangle = np.repeat(centre.triangle, ANGULAR_POINTS)
+    parameters = np.repeat(centre.parameters, ANGULAR_POINTS, axis=0)
+    rings = []
+    for ring in np.split(queries, RADIAL_POINTS):
+        found = surface.closest_point(surface.mesh.vertices, ring, seeds=(triangle, parameters))
+        triangle, parameters = found.triangle, found.parameters
+        rings.append((triangle, parameters))
+    return np.concatenate([t for t, _ in rings]), np.concatenate([p for _, p in rings])
 
 
 def surface_load(shell: Discretisation, traction: Array) -> Array:

@@ -20,6 +20,8 @@ from shell_deform.readout import principal, read_out, von_mises
 from shell_deform.solve.borders import borders
 from shell_deform.solve.equilibrium import Equilibrium, displaced
 from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.surface.limit import surface_points
+from shell_deform.surface.loop_basis import BasisRows, basis_rows
 
 Array = NDArray[np.float64]
 
@@ -64,19 +66,33 @@ class Response:
     compliance: Array
 
 
-def surface_normals(
-    model: ShellModel, patches: tuple[ContactPatch, ...], positions: Array
-) -> tuple[Array, Array]:
-    """Points (k, 3) on the outer face [m] and inward normals (k, 3) at the centres of patches."""
-    if not patches:
-        return np.zeros((0, 3)), np.zeros((0, 3))
-    at_rest = np.stack([patch.point for patch in patches])
+@dataclass(frozen=True)
+class OuterFeet:
+    """The material points where patches touch, for any state of the shell.
+
+    Attributes:
+        rows: of the limit surface at the k feet. half_wall: (k,) [m].
+    """
+
+    rows: BasisRows
+    half_wall: Array
+
+    def at(self, positions: Array) -> tuple[Array, Array]:
+        """Points (k, 3) on the outer face [m] and inward normals (k, 3) at control points."""
+        if not len(self.half_wall):
+            return np.zeros((0, 3)), np.zeros((0, 3))
+        found = surface_points(self.rows, positions)
+        return found.position + self.half_wall[:, None] * found.normal, -found.normal
+
+
+def outer_feet(model: ShellModel, patches: tuple[ContactPatch, ...]) -> OuterFeet:
+    """The feet of the centres of patches on the undeformed shell."""
+    at_rest = np.array([patch.point for patch in patches]).reshape(-1, 3)
     place = model.surface.closest_point(model.rest, at_rest)
-    found = model.surface.evaluate(positions, place.triangle, place.parameters)
-    wall = model.shell.thickness
     rest_points = model.shell.value_matrix() @ model.rest
     near = [int(np.argmin(np.linalg.norm(rest_points - point, axis=1))) for point in at_rest]
-    return found.position + 0.5 * wall[near][:, None] * found.normal, -found.normal
+    rows = basis_rows(model.surface.mesh, place.triangle, place.parameters)
+    return OuterFeet(rows, 0.5 * model.shell.thickness[near])
 
 
 def read_contacts(
@@ -90,7 +106,7 @@ def read_contacts(
 
     `arm` [m] of the spin torque for all; by default that of an even pressure over each patch.
     """
-    point, normal = surface_normals(model, patches, state.positions)
+    point, normal = outer_feet(model, patches).at(state.positions)
     count = len(patches)
     held = state.multipliers[: HELD_ROWS * count].reshape(count, HELD_ROWS)
     force = np.array(
@@ -129,13 +145,9 @@ def read_response(
     edge = borders(model, displaced(patches, np.zeros(count)))
     system = solver.system(model.tangent(state.positions), edge)
     motion, border = system.solve(loads)
+    feet = outer_feet(model, patches)
     turned = np.stack(
-        [
-            surface_normals(model, patches, state.positions + SMALL_LOAD * column.reshape(-1, 3))[
-                1
-            ]
-            for column in motion.T
-        ],
+        [feet.at(state.positions + SMALL_LOAD * column.reshape(-1, 3))[1] for column in motion.T],
         axis=-1,
     )
     turns = (turned - grasp.normal[:, :, None]) / SMALL_LOAD

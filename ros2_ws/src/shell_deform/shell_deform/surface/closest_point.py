@@ -228,7 +228,8 @@ def _doubtful(
         alone &= gap >= (1.0 - 1e-9) * abs(side)
     wandered = np.linalg.norm(found.position - samples[nearest], axis=1)
     sure = found.sure & tables.smooth[found.triangle] & alone[nearest] & (away <= far)
-    return np.flatnonzero(~sure | (wandered > 2.0 * _cell_size(tables, control_points)))
+    cell = float(_cell_sizes(tables, control_points)[tables.mesh.active].max())
+    return np.flatnonzero(~sure | (wandered > 2.0 * cell))
 
 
 def _search_again(
@@ -243,10 +244,12 @@ def _search_again(
 ) -> None:
     """Look for nearer feet of the `doubtful` queries, in place.
 
-    A foot no farther than the one found has a sample beside it within the size of a cell, so a
-    search starts in every triangle with a sample that near, from the nearest of its samples.
+    A foot no farther than the one found has a sample of its triangle beside it, within the size of
+    a cell of that triangle, so a search starts in every triangle with a sample that near, from the
+    nearest of its samples.
     """
-    cell = _cell_size(tables, control_points)
+    cells = _cell_sizes(tables, control_points)
+    cell = float(cells[tables.mesh.active].max())
     samples = np.asarray(tree.data)
     for part in np.array_split(doubtful, 1 + len(doubtful) // DOUBTFUL_AT_ONCE):
         here = points[part]
@@ -256,10 +259,11 @@ def _search_again(
         if not len(of):
             continue
         start = np.concatenate([some for some in lists if some]).astype(np.int64)
-        gap = np.sum((samples[start] - here[of]) ** 2, axis=1)
-        order = np.lexsort((gap, tables.sample_triangle[start], of))
-        of, start = of[order], start[order]
+        gap = np.linalg.norm(samples[start] - here[of], axis=1)
         triangle = tables.sample_triangle[start]
+        near = np.flatnonzero(gap <= reach[of] + cells[triangle])
+        order = near[np.lexsort((gap[near], triangle[near], of[near]))]
+        of, start, triangle = of[order], start[order], triangle[order]
         first = np.ones(len(of), dtype=bool)
         first[1:] = (of[1:] != of[:-1]) | (triangle[1:] != triangle[:-1])
         of, start = of[first], start[first]
@@ -272,11 +276,11 @@ def _search_again(
             old[part[of[best]]] = new[best]
 
 
-def _cell_size(tables: ProjectionTables, control_points: FloatArray) -> float:
-    """How far any point of the surface is from a sample, at most [m]: a centre of a cell."""
-    corners = control_points[tables.mesh.triangles[tables.mesh.active]]
+def _cell_sizes(tables: ProjectionTables, control_points: FloatArray) -> FloatArray:
+    """(m,) how far any point of a triangle is from its samples, at most [m]: a cell's centre."""
+    corners = control_points[tables.mesh.triangles]
     edges = corners - np.roll(corners, 1, axis=1)
-    longest = float(np.sqrt(np.max(np.sum(edges**2, axis=2))))
+    longest: FloatArray = np.sqrt(np.max(np.sum(edges**2, axis=2), axis=1))
     return longest / (np.sqrt(3.0) * SAMPLE_DIVISIONS)
 
 

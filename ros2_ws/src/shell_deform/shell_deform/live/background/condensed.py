@@ -18,6 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from shell_deform.contact.loads import ContactPatch
@@ -115,7 +116,8 @@ def factorise_sprung(solver: EquilibriumSolver, tangent: Tangent) -> SprungFacto
     matrix = tangent.stiffness
     if not len(springs):
         return SprungFactor(solver.factor(matrix), springs, 0.0)
-    matrix = matrix.copy()
+    # The pattern stays the same object: the factor need not compare it again.
+    matrix = sp.csr_matrix((matrix.data.copy(), matrix.indices, matrix.indptr), matrix.shape)
     diagonal = matrix.diagonal()
     stiffness = float(np.median(diagonal[diagonal > 0]))
     for dof in springs:

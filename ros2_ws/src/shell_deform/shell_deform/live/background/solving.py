@@ -11,7 +11,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.grasp.reading import surface_normals
+from shell_deform.grasp.reading import outer_feet
 from shell_deform.live.background.condensed import HELD_ROWS, Condensed, ContactRows, contact_rows
 from shell_deform.live.background.contact_tracking import ContactTracker, Touch
 from shell_deform.live.background.energy_density import EnergyDensity
@@ -76,6 +76,7 @@ class LiveSolver:
         self._small: SmallLoads | None = None
         self._linear_columns = np.zeros((self._size, 3, 0))
         self._placement: Placement | None = None
+        self._feet = outer_feet(model, ())
         self.share = 1.0
         self.seconds = 0.0
         self.motion: Motion | None = None
@@ -225,7 +226,7 @@ class LiveSolver:
         record['contacts'], record['rigid_count'] = k, r
         record['share'] = self.share
         driven = self._driven(load)
-        point, normal = surface_normals(self.model, self.contacts.patches, tracker.positions)
+        point, normal = self._feet.at(tracker.positions)
         record['stable'] = int(system.negative_modes_driven(driven) == 0)
         record['snap_margin'] = self._snap_margin(system.compliance)
         record['energy'] = tracker.state.energy
@@ -328,6 +329,7 @@ class LiveSolver:
             raise ValueError(f'more than {MAX_CONTACTS} contacts; merge tactile cells first')
         self.tracker.take(self.model.on_contacts(self.contacts.patches))
         rows = contact_rows(self.tracker.model, self.contacts.patches)
+        self._feet = outer_feet(self.model, self.contacts.patches)
         self.tracker.set_contacts(rows, force)
         self._new_generation(rows)
 

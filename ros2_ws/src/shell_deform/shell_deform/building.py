@@ -47,6 +47,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
+CLOSED_FILLINGS = {'sealed': 'sealed gas', 'liquid': 'a liquid'}
+"""What only a closed surface holds, in words."""
+
 THICK_EDGES_PER_RADIUS = 0.25
 """Edge length under a pin as a share of its radius, for a thick wall."""
 
@@ -107,9 +110,10 @@ def model_on_mesh(
     for support in shell_object.supports:
         parts.extend(_support_rows(shell_object, shell, support))
     gas = shell_object.gas
-    if gas.kind == 'sealed' and not mesh.is_closed:
+    if gas.kind in CLOSED_FILLINGS and not mesh.is_closed:
         raise ObjectError(
-            f'{shell_object.name}: sealed gas in an open surface; set gas: {{kind: open}}'
+            f'{shell_object.name}: {CLOSED_FILLINGS[gas.kind]} in an open surface; set gas: '
+            '{kind: open}'
         )
     return ShellModel(
         shell,
@@ -117,6 +121,7 @@ def model_on_mesh(
         Gas(gas.kind, gas.gauge_pressure_pa, gas.ambient_pa),
         joined(parts),
         tuple(_grip(shell_object, shell, place) for place in shell_object.grips),
+        shell_object.pressure_pa,
     )
 
 
@@ -214,7 +219,8 @@ def with_material(
     young_modulus: float | None = None,
     poisson_ratio: float | None = None,
     thickness: float | None = None,
-    gas_kind: Literal['none', 'open', 'sealed'] | None = None,
+    gas_kind: Literal['none', 'open', 'sealed', 'liquid'] | None = None,
+    pressure: float | None = None,
 ) -> ShellObject:
     """The same object with other numbers [Pa], [-], [m]; None keeps a number."""
     changes: dict[str, object] = {}
@@ -227,6 +233,8 @@ def with_material(
         changes['vertex_thickness_m'] = None
     if gas_kind is not None:
         changes['gas'] = replace(shell_object.gas, kind=gas_kind)
+    if pressure is not None:
+        changes['pressure_pa'] = pressure
     return replace(shell_object, **changes)  # type: ignore[arg-type]
 
 

@@ -72,7 +72,8 @@ class ShellModel:
         gas: air inside; only a closed mesh may be sealed.
         supports: springs that hold parts of it in place; None for none.
         grips: rigid bodies that hold parts of it and may move.
-        pressure: follower overpressure inside, kept constant [Pa].
+        pressure: follower overpressure inside, kept constant [Pa]; on the wall of an open
+            surface, whatever closes it, where its work is not part of the energy.
     """
 
     shell: Discretisation
@@ -88,7 +89,9 @@ class ShellModel:
         if (self.theory == THICK) != isinstance(self.shell, ThickShell):
             raise ValueError('theory thick takes a thick shell, every other theory a thin one')
         if self.gas.is_sealed and not self.shell.mesh.is_closed:
-            raise ValueError('an open surface cannot hold sealed gas; use gas kind none or open')
+            raise ValueError(
+                'an open surface holds neither sealed gas nor liquid; use gas kind none or open'
+            )
         refuse_overlap(self.grips, self.supports)
 
     @cached_property
@@ -326,6 +329,8 @@ class ShellModel:
         return self.pressure + self.gas.pressure(volume / self.rest_volume)
 
     def _gas_energy(self, volume: float) -> float:
+        if not self.shell.mesh.is_closed:
+            return 0.0
         change = volume - self.rest_volume
         if not self.gas.is_sealed:
             return -self.pressure * change

@@ -181,7 +181,12 @@ class Discretisation(ShellPoints):
         return kernels.shell_tangent(*arguments), gradient, data
 
     def volume(self, positions: Array) -> tuple[float, Array]:
-        """Volume inside the middle surface [m^3] and its gradient (n, 3) [m^2]."""
+        """Volume inside the middle surface [m^3] and its gradient (n, 3) [m^2].
+
+        An open surface encloses none: zero, and the load of a unit pressure on its wall.
+        """
+        if not self.mesh.is_closed:
+            return 0.0, plain.pressure_load(self, positions)
         if not HAVE_NUMBA:
             return plain.volume_gradient(self, positions)
         positions = np.ascontiguousarray(positions)

@@ -102,6 +102,13 @@ def volume_gradient(shell: ShellPoints, positions: Array) -> tuple[float, Array]
     return float(np.sum(w * x * parts[0])), np.asarray(gradient)
 
 
+def pressure_load(shell: ShellPoints, positions: Array) -> Array:
+    """Nodal forces (n, 3) [m^2] of a unit pressure on the wall alone, whatever closes it."""
+    value, first, second = _volume_matrices(shell)
+    force = shell.weights[:, None] * np.cross(first @ positions, second @ positions)
+    return np.asarray(value.T @ force)
+
+
 def _volume_stiffness(shell: ShellPoints, positions: Array) -> sp.csr_matrix:
     """Second derivative (3 n, 3 n) of the enclosed volume [m]."""
     matrices = _volume_matrices(shell)

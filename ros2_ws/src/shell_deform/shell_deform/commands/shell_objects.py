@@ -85,6 +85,8 @@ def _described(shell: ShellObject, with_mesh: bool) -> dict[str, Any]:
         'gas': asdict(shell.gas),
         'supports': [asdict(support) for support in shell.supports],
         'contacts': [asdict(contact) for contact in shell.contacts],
+        'grips': [asdict(grip) for grip in shell.grips],
+        'pressure_pa': shell.pressure_pa,
         'control_vertices': shell.control_vertices,
         'source': shell.source,
     }
@@ -107,7 +109,13 @@ def _print_table(shells: Sequence[ShellObject], described: Sequence[dict]) -> No
             f'{1e-6 * shell.young_modulus_pa:g}',
             f'{shell.poisson_ratio:g}',
             _gas(shell),
-            ', '.join(f'{support.where} {support.kind}' for support in shell.supports) or '-',
+            ', '.join(
+                [
+                    *(f'{support.where} {support.kind}' for support in shell.supports),
+                    *(f'{grip.name} gripped' for grip in shell.grips),
+                ]
+            )
+            or '-',
             ', '.join(f'{c.kind} r {1e3 * c.radius_m:g}' for c in shell.contacts) or '-',
         ]
         for shell in shells

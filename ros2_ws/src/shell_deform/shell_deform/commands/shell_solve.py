@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""shell_solve: squeeze one object by force or displacement; JSON, mesh and picture out."""
+"""shell_solve: squeeze, twist, bend or pull one object; JSON, mesh and picture out."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from grasp_common.command_line import parse
 from grasp_common.terminal import complain, fixed, print_table, significant, tracked
 from shell_deform.building import build_model, object_contacts, with_material
 from shell_deform.commands.console import CommandError, print_json, run
+from shell_deform.commands.gripping import GripSweep, grip_sweep
 from shell_deform.commands.shell_solve_options import build_parser
+from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject, load_object
 from shell_deform.picture import surface_figure
@@ -32,7 +34,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Solved:
-    """One load case: its state, the contacts' mean depth from first touch [m], its time [s]."""
+    """One load case: its state, its time [s], and how far: the contacts' mean depth from first
+    touch [m], or the value of a `GripSweep`.
+    """
 
     state: Equilibrium
     depth: float
@@ -46,37 +50,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _solve(options: argparse.Namespace) -> None:
-    loaded = time.perf_counter(), time.process_time()
+    loaded = time.process_time()
     shell_object = with_material(
         load_object(options.object),
         options.young,
         options.poisson,
         options.thickness,
         options.gas,
+        options.pressure,
     )
     model = build_model(
         shell_object, options.theory, options.vertices, refine_radius=options.pin_radius
     )
     contacts = object_contacts(shell_object, model, options.pin_radius)
+    sweep = grip_sweep(options, shell_object.name, model, contacts)
     solver = EquilibriumSolver(model, NewtonOptions(stability=True))
-    by_force = options.force is not None
-    values = options.force if by_force else options.displacement_sweep
-    results: list[Solved] = []
-    (state, touch), ended = first_touch(solver, contacts), ''
-    for value in tracked(values, 'load cases'):
-        start = time.perf_counter()
-        wanted = [value] * len(contacts)
-        case = forced(contacts, wanted) if by_force else displaced(contacts, touch + wanted)
-        found = solver.solve(case, state)
-        if not found.converged:
-            unit = 'N' if by_force else 'm'
-            ended = f'{shell_object.name}: no equilibrium at {value:g} {unit}: {found.message}'
-            ended += '; use a displacement sweep' if by_force else '; use smaller steps'
-            break
-        state = found
-        depth = float(np.mean(state.displacement - touch))
-        results.append(Solved(state, depth, time.perf_counter() - start))
-    cpu = time.process_time() - loaded[1]
+    if sweep is None:
+        state, results, ended = _squeezed(options, shell_object, solver, contacts)
+    else:
+        state, results, ended = _gripped(sweep, shell_object, solver)
+    cpu = time.process_time() - loaded
     model = solver.model
     readout = read_out(model, state.unknowns, shell_object.yield_stress_pa)
     for warning in warnings_of(model, state, readout):
@@ -92,22 +85,85 @@ def _solve(options: argparse.Namespace) -> None:
                 'theory': model.theory,
                 'vertices': len(model.rest),
                 'cpu_seconds': cpu,
-                'points': [_point(solved) for solved in results],
+                'points': [_point(solved, sweep) for solved in results],
                 'message': ended,
             }
         )
     elif results or not ended:
-        _print_table(shell_object, model.theory, len(model.rest), cpu, results)
+        title = f'{shell_object.name}, {model.theory} theory, {len(model.rest)} control vertices'
+        _print_table(f'{title}, {cpu:.2f} s processor time', results, sweep)
     if ended:
         # What converged has been printed, drawn and written: the end comes last.
         raise CommandError(ended)
 
 
-def _point(solved: Solved) -> dict[str, Any]:
+def _squeezed(
+    options: argparse.Namespace,
+    shell_object: ShellObject,
+    solver: EquilibriumSolver,
+    contacts: tuple[ContactPatch, ...],
+) -> tuple[Equilibrium, list[Solved], str]:
+    """Last state and rows of a squeeze at the contacts, and why it ended early, if it did."""
+    by_force = options.force is not None
+    values = options.force if by_force else options.displacement_sweep
+    if values is None:
+        raise CommandError(
+            'say what is to happen: --displacement-sweep or --force at the contacts, or '
+            '--twist, --bend, --pull or --turn of the grips'
+        )
+    if not contacts:
+        raise CommandError(
+            f'{shell_object.name} has grips and no other contacts; use --twist, --bend, --pull or '
+            '--turn'
+        )
+    results: list[Solved] = []
+    state, touch = first_touch(solver, contacts)
+    for value in tracked(values, 'load cases'):
+        start = time.perf_counter()
+        wanted = [value] * len(contacts)
+        case = forced(contacts, wanted) if by_force else displaced(contacts, touch + wanted)
+        found = solver.solve(case, state)
+        if not found.converged:
+            unit = 'N' if by_force else 'm'
+            ended = f'{shell_object.name}: no equilibrium at {value:g} {unit}: {found.message}'
+            ended += '; use a displacement sweep' if by_force else '; use smaller steps'
+            return state, results, ended
+        state = found
+        depth = float(np.mean(state.displacement - touch))
+        results.append(Solved(state, depth, time.perf_counter() - start))
+    return state, results, ''
+
+
+def _gripped(
+    sweep: GripSweep, shell_object: ShellObject, solver: EquilibriumSolver
+) -> tuple[Equilibrium, list[Solved], str]:
+    """The same of grips that move; the value of a row is how far."""
+    results: list[Solved] = []
+    state = solver.rest()
+    for value in tracked(sweep.values, 'poses'):
+        start = time.perf_counter()
+        found = solver.solve(sweep.case(value), state)
+        if not found.converged:
+            said = sweep.said(value)
+            ended = f'{shell_object.name}: no equilibrium at {said}: {found.message}'
+            return state, results, f'{ended}; go there in smaller steps, or less far'
+        try:
+            sweep.refuse_torn(found, value)
+        except CommandError as error:
+            return state, results, f'{shell_object.name}: {error}'
+        state = found
+        results.append(Solved(state, value, time.perf_counter() - start))
+    return state, results, ''
+
+
+def _point(solved: Solved, sweep: GripSweep | None) -> dict[str, Any]:
     state = solved.state
-    return {
+    first: dict[str, Any] = {
         'displacement_m': solved.depth,
-        'force_n': float(np.mean(state.force)),
+        'force_n': float(np.mean(state.force)) if len(state.force) else 0.0,
+    }
+    return {
+        **(first if sweep is None else sweep.point(solved.depth, state)),
         'energy_j': state.energy,
         'gas_pressure_pa': state.gas_pressure,
         'iterations': state.iterations,
@@ -129,33 +185,38 @@ def _draw(path: Path, shell_object: ShellObject, model: ShellModel, state: Equil
     mesh = model.shell.mesh
     points = model.surface.limit_positions(state.positions)
     moved = points - model.surface.limit_positions(model.rest)
-    title = (
-        f'{shell_object.name}: {np.mean(state.force):.3g} N per contact, '
-        f'{1e3 * np.max(state.displacement):.3g} mm'
-    )
+    title = f'{shell_object.name}, {1e3 * np.linalg.norm(moved, axis=1).max():.3g} mm at most'
+    if len(state.force):
+        title = (
+            f'{shell_object.name}: {np.mean(state.force):.3g} N per contact, '
+            f'{1e3 * np.max(state.displacement):.3g} mm'
+        )
     figure = surface_figure(points, mesh.triangles[mesh.active], moved, title)
     figure.savefig(path, bbox_inches='tight')
 
 
-def _print_table(
-    shell_object: ShellObject, theory: str, vertices: int, cpu: float, results: list[Solved]
-) -> None:
-    points = [_point(solved) for solved in results]
-    force = max((abs(point['force_n']) for point in points), default=0.0)
-    energy = max((point['energy_j'] for point in points), default=0.0)
-    rows = [
-        [
-            fixed(1e3 * point['displacement_m'], 4),
-            significant(point['force_n'], 5, force),
-            significant(1e3 * point['energy_j'], 5, 1e3 * energy),
-            f'{1e-3 * point["gas_pressure_pa"]:.4g}',
-            'yes' if point['stable'] else 'NO',
-        ]
-        for point in points
-    ]
-    print_table(
-        ('displacement [mm]', 'force [N]', 'energy [mJ]', 'gas [kPa]', 'stable'),
-        rows,
-        f'{shell_object.name}, {theory} theory, {vertices} control vertices, '
-        f'{cpu:.2f} s processor time',
-    )
+def _print_table(title: str, results: list[Solved], sweep: GripSweep | None) -> None:
+    force, torque, energy = 0.0, 0.0, 0.0
+    for solved in results:
+        wrench = solved.state.grip_wrench
+        force = max([force, *np.abs(solved.state.force), *np.abs(wrench[:, :3]).ravel()])
+        torque = max([torque, *np.abs(wrench[:, 3:]).ravel()])
+        energy = max(energy, solved.state.energy)
+    rows = []
+    for solved in results:
+        state = solved.state
+        if sweep is None:
+            push = significant(float(np.mean(state.force)), 5, force)
+            cells = [fixed(1e3 * solved.depth, 4), push]
+        else:
+            cells = sweep.row(solved.depth, state, (force, torque))
+        rows.append(
+            [
+                *cells,
+                significant(1e3 * state.energy, 5, 1e3 * energy),
+                f'{1e-3 * state.gas_pressure:.4g}',
+                'yes' if state.stable is not False else 'NO',
+            ]
+        )
+    first = ('displacement [mm]', 'force [N]') if sweep is None else sweep.headings
+    print_table((*first, 'energy [mJ]', 'gas [kPa]', 'stable'), rows, title)

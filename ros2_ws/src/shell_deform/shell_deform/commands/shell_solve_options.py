@@ -42,6 +42,42 @@ def _positive(text: str) -> float:
     return value
 
 
+def _direction(text: str) -> list[float]:
+    try:
+        values = np.array([float(part) for part in text.split(',')])
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f'{text!r}: {error}') from error
+    length = float(np.linalg.norm(values))
+    if values.shape != (3,) or not 0.0 < length < np.inf:
+        raise argparse.ArgumentTypeError(f'{text!r}: give a direction X,Y,Z')
+    return [float(value) for value in values / length]
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not np.isfinite(value):
+        raise argparse.ArgumentTypeError(f'{text}: must be finite')
+    return value
+
+
+def _add_grips(parser: argparse.ArgumentParser) -> None:
+    """Options that move the contacts of kind grip."""
+    grips = parser.add_argument_group('grips', 'move what holds the object; START included')
+    ways = grips.add_mutually_exclusive_group()
+    for way, what in (
+        ('twist', 'turn one grip about the line from the others to it [degrees]'),
+        ('bend', 'turn it across that line, along a circular arc [degrees]'),
+        ('pull', 'shift it along that line, negative to push [m]'),
+        ('turn', 'turn all grips together, with what they hold [degrees]'),
+    ):
+        ways.add_argument(f'--{way}', type=_sweep, metavar='START:STOP:STEPS', help=what)
+    grips.add_argument('--grip', metavar='NAME', help='which one moves; default the last')
+    grips.add_argument('--about', type=_direction, metavar='X,Y,Z', help='another axis of it')
+    grips.add_argument(
+        '--axial', type=_finite, metavar='N', help='force on it along the line, where free [N]'
+    )
+
+
 def build_parser() -> argparse.ArgumentParser:
     """Options and arguments."""
     parser = argparse.ArgumentParser(
@@ -49,7 +85,7 @@ def build_parser() -> argparse.ArgumentParser:
         description='Squeeze one object at its contacts and print what it answers. SI units.',
     )
     parser.add_argument('--object', required=True, help='name or object file; see shell_objects')
-    load = parser.add_mutually_exclusive_group(required=True)
+    load = parser.add_mutually_exclusive_group()
     load.add_argument(
         '--displacement-sweep',
         type=_sweep,
@@ -68,7 +104,13 @@ def build_parser() -> argparse.ArgumentParser:
         default='koiter',
         help='auto: thick where a thin wall is off by more than 2 %%, else koiter',
     )
-    parser.add_argument('--gas', choices=('none', 'open', 'sealed'), help='air inside')
+    parser.add_argument(
+        '--gas', choices=('none', 'open', 'sealed', 'liquid'), help='air or liquid inside'
+    )
+    parser.add_argument(
+        '--pressure', type=_finite, metavar='PA', help='constant, inside over outside [Pa]'
+    )
+    _add_grips(parser)
     parser.add_argument('--mesh', type=Path, metavar='FILE', help='last surface (PLY, STL, OBJ)')
     parser.add_argument('--picture', type=Path, metavar='FILE', help='picture of it (PNG)')
     parser.add_argument('--json', action='store_true', help='one JSON document on stdout')

@@ -32,7 +32,7 @@ def read_grip(entry: Entry, edge: Callable[[Entry], str]) -> GripPlace:
         if 'radius_m' in found:
             raise found['radius_m'].error('a grip is an edge (where) or a patch (radius_m)')
         hold = cast(
-            Any, found['hold'].text(['clamped', 'hinged']) if 'hold' in found else 'clamped'
+            Any, found['hold'].text(['hinged', 'clamped']) if 'hold' in found else 'hinged'
         )
         return GripPlace(edge(found['where']), at, None, hold, tuple(free))
     if at is None or 'radius_m' not in found:
@@ -42,5 +42,5 @@ def read_grip(entry: Entry, edge: Callable[[Entry], str]) -> GripPlace:
     if 'hold' in found:
         raise found['hold'].error('hold is for the edge of a grip; a patch is held as it is')
     return GripPlace(
-        None, at, found['radius_m'].number(above=0.0, maximum=1000.0), 'clamped', tuple(free)
+        None, at, found['radius_m'].number(above=0.0, maximum=1000.0), 'hinged', tuple(free)
     )

@@ -43,6 +43,7 @@ from .yaml_reader import Entry, read_document
 _REQUIRED = ('name', 'surface', 'thickness_m', 'young_modulus_pa', 'poisson_ratio')
 _OPTIONAL = (
     'yield_stress_pa', 'gas', 'supports', 'contacts', 'control_vertices', 'relaxation', 'source',
+    'pressure_pa',
 )  # fmt: skip
 _SUPPORT_KINDS = ('clamped', 'hinged', 'symmetry', 'diaphragm', 'held')
 
@@ -109,6 +110,9 @@ def _read(root: Entry, folder: Path) -> ShellObject:
             else DEFAULT_CONTROL_VERTICES
         ),
         vertex_thickness_m=per_vertex,
+        pressure_pa=entries['pressure_pa'].number(minimum=-1e9, maximum=1e9)
+        if 'pressure_pa' in entries
+        else 0.0,
         relaxation=_relaxation(entries['relaxation']) if 'relaxation' in entries else None,
         source=entries['source'].text() if 'source' in entries else '',
     )
@@ -228,11 +232,15 @@ def _thickness(entry: Entry, surface: Surface) -> tuple[float, npt.NDArray[np.fl
 
 def _gas(entry: Entry, surface: Surface) -> Gas:
     found = entry.mapping(['kind'], ['gauge_pressure_pa', 'ambient_pa'])
-    kind = cast(Any, found['kind'].text(['none', 'open', 'sealed']))
-    if kind == 'sealed' and is_closed(surface) is False:
-        raise found['kind'].error(f'an open {surface.kind} cannot hold sealed gas')
-    if kind != 'sealed' and 'gauge_pressure_pa' in found:
-        raise found['gauge_pressure_pa'].error(f'gauge_pressure_pa needs kind: sealed, not {kind}')
+    kind = cast(Any, found['kind'].text(['none', 'open', 'sealed', 'liquid']))
+    fills = kind in ('sealed', 'liquid')
+    if fills and is_closed(surface) is False:
+        what = 'sealed gas' if kind == 'sealed' else 'a liquid'
+        raise found['kind'].error(f'an open {surface.kind} cannot hold {what}')
+    if not fills and 'gauge_pressure_pa' in found:
+        raise found['gauge_pressure_pa'].error(
+            f'gauge_pressure_pa needs kind: sealed or liquid, not {kind}'
+        )
     ambient = STANDARD_ATMOSPHERE_PA
     if 'ambient_pa' in found:
         ambient = found['ambient_pa'].number(minimum=0.0, maximum=1e8)

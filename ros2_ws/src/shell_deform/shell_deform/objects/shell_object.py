@@ -102,7 +102,7 @@ Surface = Sphere | Ellipsoid | Cylinder | HalfCylinder | Cone | Revolution | Hei
 class Gas:
     """What fills a closed shell; V0 is the volume inside the undeformed middle surface."""
 
-    kind: Literal['none', 'open', 'sealed'] = 'none'
+    kind: Literal['none', 'open', 'sealed', 'liquid'] = 'none'
     gauge_pressure_pa: float = 0.0
     ambient_pa: float = STANDARD_ATMOSPHERE_PA
 
@@ -161,14 +161,15 @@ class GripPlace:
         where: an edge or a plane as in `Support`, or None for a patch.
         at_m: the middle of a patch on the outer face; of an edge the point about which it turns,
             None for the middle of what is held.
-        radius_m: of a patch. hold: 'clamped' keeps the slope across an edge, 'hinged' does not.
+        radius_m: of a patch. hold: 'hinged' keeps the places of an edge, 'clamped' also what lies
+            across it, shear included: stiffer by up to a row of triangles.
         free: world axes along which it may shift.
     """
 
     where: str | None = None
     at_m: tuple[float, float, float] | None = None
     radius_m: float | None = None
-    hold: Literal['clamped', 'hinged'] = 'clamped'
+    hold: Literal['hinged', 'clamped'] = 'hinged'
     free: tuple[Literal['x', 'y', 'z'], ...] = ()
 
     @property
@@ -187,6 +188,7 @@ class ShellObject:
         thickness_m: wall thickness, or its mean where `vertex_thickness_m` is given.
         vertex_thickness_m: (n,) thickness at each vertex of a control mesh, else None.
         relaxation: how the modulus falls with time, or None for an elastic wall.
+        pressure_pa: constant pressure inside over that outside, on the wall.
         source: where the numbers come from.
     """
 
@@ -200,6 +202,7 @@ class ShellObject:
     supports: tuple[Support, ...] = ()
     contacts: tuple[Contact, ...] = ()
     grips: tuple[GripPlace, ...] = ()
+    pressure_pa: float = 0.0
     control_vertices: int = DEFAULT_CONTROL_VERTICES
     vertex_thickness_m: npt.NDArray[np.float64] | None = None
     relaxation: Relaxation | None = None

@@ -26,6 +26,7 @@ from grasp_replay.cdr import has_header
 from grasp_replay.errors import BagError
 from grasp_replay.lockstep import Lockstep
 from grasp_replay.messages import clock_message, message_class
+from grasp_replay.patience_node import Patience
 from grasp_replay.player import Player
 from grasp_replay.replay_core import Control, Pace
 from grasp_replay.replay_options import ReplayOptions, parse_options
@@ -117,7 +118,13 @@ def _replay(bag: Bag, options: ReplayOptions, ros_arguments: list[str]) -> int:
             node.listen(lockstep, options.wait)
         player = Player(node, bag, options, lockstep)
         node.panel.tally = player.tally
-        return _play(player, options)
+        topics = lockstep.answer_topics if lockstep else ()
+        patience = Patience(node, topics, options.lockstep_timeout)
+        try:
+            return _play(player, options)
+        finally:
+            if rclpy.ok():
+                patience.restore()
     finally:
         rclpy.try_shutdown()
         # The executor wakes and ends with the context; it must not lose its parts while it spins.

@@ -219,6 +219,28 @@ def test_lockstep_waits_for_each_answer(start: Any, observer: Observer, tmp_path
     assert questions == [float(index) for index in range(100)]
 
 
+def test_lockstep_lets_those_who_answer_wait_for_their_best_answer(
+    start: Any, observer: Observer, tmp_path: Path
+) -> None:
+    bag = write_wrenches(tmp_path / 'bag', 3)
+    observer.node.declare_parameter('wait_for_take_up', 0.0)
+    answers = observer.node.create_publisher(WrenchStamped, '/answer', 10)
+    patience: list[float] = []
+
+    def answer(message: WrenchStamped) -> None:
+        patience.append(observer.node.get_parameter('wait_for_take_up').value)
+        answers.publish(message)
+
+    observer.node.create_subscription(WrenchStamped, '/w', answer, KEEP_ALL)
+    replay = start(
+        'replay', bag, '--lockstep', 'w:=answer', '--lockstep-timeout', 8, '--wait-for', '/w',
+        '--wait', 20, '--json',
+    )  # fmt: skip
+    observer.spin_until(lambda: replay.process.poll() is not None)
+    assert patience == [4.0, 4.0, 4.0]
+    assert observer.node.get_parameter('wait_for_take_up').value == 0.0
+
+
 def test_lockstep_without_answers_fails_with_their_number_and_the_first(
     start: Any, observer: Observer, tmp_path: Path
 ) -> None:

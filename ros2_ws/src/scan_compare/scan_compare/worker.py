@@ -37,6 +37,7 @@ from scan_compare.rigid import Pose
 from scan_compare.scan import Scan
 from scan_compare.scan_file import ScanFileError, read_scan, scan_of
 from scan_compare.units import UnitError
+from shell_deform.live.background.watchdog import is_stopped
 from shell_deform.objects import ObjectError, ShellObject, load_object, object_mesh
 from shell_deform.surface.control_mesh import ControlMesh, MeshError
 from shell_deform.surface.limit import LimitSurface
@@ -54,6 +55,9 @@ FAILURES = (
 NICENESS = 10
 """What the process adds to its niceness, as the solver's background process does: a scan can wait,
 the surface that answers the next contact cannot."""
+
+LOOKED_AFTER_S = 0.2
+"""How often the process is looked after [s]."""
 
 PATIENCE_S = 2.0
 """How long an ending process is waited for before it is killed [s]."""
@@ -256,6 +260,7 @@ class Worker:
         self._context = multiprocessing.get_context('spawn')
         self._running: Job | None = None
         self._waiting: deque[Job] = deque()
+        self._looked_after = 0.0
         self.restarts = -1
         self._start()
 
@@ -285,6 +290,7 @@ class Worker:
 
     def poll(self) -> Result | None:
         """Return a result if one is there; never waits for a computation or a transfer."""
+        self._look_after()
         # asked before the results are: what an ended thread has brought is among them; that of an
         # idle process waits for a job and hears nothing
         ended = not self._thread.is_alive() or not (self._running or self._process.is_alive())
@@ -300,6 +306,23 @@ class Worker:
         if self._running is None and self._waiting:
             self._running = self._waiting.popleft()
             self._jobs.put(self._running)
+
+    def _look_after(self) -> None:
+        """Replace a process that somebody stopped; its comparison begins again in the new one."""
+        now = time.monotonic()
+        if now - self._looked_after < LOOKED_AFTER_S:
+            return
+        self._looked_after = now
+        if not is_stopped(self._process.pid or 0):
+            return
+        if self._running is not None:
+            self._waiting.appendleft(self._running)
+            self._running = None
+        self._jobs.put(None)
+        self._process.kill()
+        self._process.join(PATIENCE_S)
+        self._start()
+        self._hand_over()
 
     def _died(self) -> Result | None:
         lost, self._running = self._running, None

@@ -131,24 +131,22 @@ def test_beyond_the_waiting_memory_the_oldest_scans_are_dropped_counted_and_name
 
 
 @pytest.mark.timeout(2 * LONG)
-def test_a_comparing_process_that_stands_still_holds_nothing_up(
+def test_a_stopped_comparing_process_holds_nothing_up_and_its_scan_is_judged_by_another(
     serve: Callable[..., Any], observer: ScanObserver
 ) -> None:
     node = serve(surface_wait=0.1)
     (child,) = comparing_processes(node)
     os.kill(child, signal.SIGSTOP)
-    try:
-        observer.send_scan(scan_points(REST, 200_000), SECOND, 'object')
-        observer.wait(lambda: observer.values.get('busy') == 'True')
-        assert observer.get_parameter('object') == 'tennis_ball'
-        for count in (1, 2, 3):
-            surface = {(2 + count) * SECOND: GRASP}
-            observer.wait(lambda: surfaces_taken(observer, surface, count))  # noqa: B023
-    finally:
-        os.kill(child, signal.SIGCONT)
-    assert not observer.errors
+    observer.send_scan(scan_points(REST, 200_000), SECOND, 'object')
+    observer.wait(lambda: observer.values.get('busy') == 'True')
+    assert observer.get_parameter('object') == 'tennis_ball'
+    for count in (1, 2, 3):
+        surface = {(2 + count) * SECOND: GRASP}
+        observer.wait(lambda: surfaces_taken(observer, surface, count))  # noqa: B023
     observer.wait(lambda: observer.errors, LONG)
     assert observer.errors[0].width == 200_000
+    assert observer.values['process restarts'] == '1'
+    assert child not in comparing_processes(node)
 
 
 def comparing_processes(node: Any) -> list[int]:

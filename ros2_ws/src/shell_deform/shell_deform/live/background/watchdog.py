@@ -26,6 +26,10 @@ STARVED_S = 30.0
 """One that found no processor for so long is given up [s]."""
 
 
+STOPPED = frozenset('Tt')
+"""Letters of a thread that a signal or a debugger holds, proc(5)."""
+
+
 @dataclass(frozen=True)
 class Threads:
     """What the kernel says of a process: letters of its threads' states, processor time [s]."""
@@ -46,6 +50,12 @@ def threads_of(pid: int) -> Threads:
     except OSError:
         return Threads(frozenset(), 0.0)
     return Threads(frozenset(states), ticks / os.sysconf('SC_CLK_TCK'))
+
+
+def is_stopped(pid: int) -> bool:
+    """Whether a signal or a debugger holds every thread of the process."""
+    states = threads_of(pid).states
+    return bool(states) and states <= STOPPED
 
 
 class Watchdog:
@@ -79,7 +89,7 @@ class Watchdog:
     def _judge(self, silent: float) -> None:
         found = self._threads(self._pid)
         used = found.processor - self._processor
-        if found.states <= {'T', 't'}:
+        if found.states <= STOPPED:
             self.trouble, self.hopeless = 'is stopped', True
         elif used > LOOPS_S:
             self.trouble, self.hopeless = 'runs in a circle', True

@@ -61,7 +61,6 @@ EXEMPT = {
         (
             'ros2_ws/src/barrett_hand_bridge/barrett_hand_bridge/puck/driver.py::__init__',
             'ros2_ws/src/grasp_replay/grasp_replay/report/write.py::write_report',
-            'ros2_ws/src/scan_compare/scan_compare/comparison.py::compare',
             f'{SHELL}/objects/prepare.py::prepare',
         ),
         LISTED,

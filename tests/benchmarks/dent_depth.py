@@ -26,7 +26,7 @@ from bags.surfaces import BallTruth  # noqa: E402
 from error_budget import VIEWS, obstacles  # noqa: E402
 
 from grasp_replay.pipeline import Outcome, PipelineOptions, run  # noqa: E402
-from scan_compare.comparison import Comparison, compare  # noqa: E402
+from scan_compare.comparison import Comparison, Setup, compare  # noqa: E402
 from scan_compare.scan import Scan  # noqa: E402
 
 BALL = 'tennis_ball_two_finger'
@@ -76,7 +76,7 @@ def scanned_again(outcome: Outcome, seed: int) -> Iterator[tuple[str, Comparison
             seen(force, row.number),
             surface,
             rest,
-            contacts=outcome.shell.contacts_at_rest(row.patches),
+            Setup(contacts=outcome.shell.contacts_at_rest(row.patches)),
         )
         depth = float(described[row.number]['displacement_outer_m'])
         yield f'{BALL}, {force:.1f} N, seed {seed}', found, depth

@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / 'ros2_ws/src/scan_compare/tes
 from scan_mutations import read_or_refuse, run, seeds  # noqa: E402
 from scan_shells import ball, occlude, odd_body, scan_points, two_dents  # noqa: E402
 
-from scan_compare.comparison import compare  # noqa: E402
+from scan_compare.comparison import Setup, compare  # noqa: E402
 from scan_compare.registration import Registration, register  # noqa: E402
 from scan_compare.rigid import (  # noqa: E402
     Pose,
@@ -136,7 +136,7 @@ def errors() -> Iterator[Row]:
         ('dent 2 mm wider', two_dents(0.006, 0.010, bulge=0.0003)),
     ):
         found = compare(scan, ball(field))
-        planted = compare(perfect, ball(field), registration=true_pose)
+        planted = compare(perfect, ball(field), setup=Setup(registration=true_pose))
         assert found.max_error_m is not None and planted.max_error_m is not None
         assert found.dent is not None and planted.dent is not None
         gaps = (

@@ -21,7 +21,7 @@ from grasp_replay.holds import HeldContacts, Hold, holds_of
 from grasp_replay.placement import placement
 from grasp_replay.recording import Recording, bag_sha256, read_recording
 from grasp_replay.theories import THEORIES, Solved, TheorySet, theory_set
-from scan_compare.comparison import Comparison, ComparisonError, compare
+from scan_compare.comparison import Comparison, ComparisonError, Setup, compare
 from scan_compare.registration import RegistrationError
 from scan_compare.rigid import Pose as ScanPose
 from scan_compare.scan import Scan
@@ -267,10 +267,12 @@ def _compare(
             _scan(hold),
             solved.surface,
             None if undeformed is None or first is not None else _scan(undeformed),
-            scanner_sigma_m=setting.experiment.scanner_sigma,
-            start=setting.scan_start,
-            contacts=setting.shell.contacts_at_rest(patches),
-            registration=None if first is None else first.registration,
+            Setup(
+                scanner_sigma_m=setting.experiment.scanner_sigma,
+                start=setting.scan_start,
+                contacts=setting.shell.contacts_at_rest(patches),
+                registration=None if first is None else first.registration,
+            ),
         )
     except (ComparisonError, RegistrationError) as error:
         raise BagError(f'the scan at {hold.entry.stamp} ns: {error}') from error

@@ -171,44 +171,56 @@ class Comparison:
         }
 
 
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What is known of a scan before it is compared; all of it may be left out.
+
+    Attributes:
+        scanner_sigma_m: noise of one scan point along the surface normal [m].
+        start: pose of the scan to start from; None searches all rotations.
+        start_contacts: (c, 3) points in the object's frame that it was made from [m].
+        mask: (n,) points of the undeformed region, found automatically if None.
+        contacts: on the outer face at rest, found from the model if None.
+        registration: this pose is used instead of finding one.
+        outlier_m: distance beyond which a point is no part of the object [m]; None: a quarter of
+            its extent.
+    """
+
+    scanner_sigma_m: float = SCANNER_SIGMA
+    start: Pose | None = IDENTITY
+    start_contacts: np.ndarray | None = None
+    mask: np.ndarray | None = None
+    contacts: Contacts | None = None
+    registration: Registration | None = None
+    outlier_m: float | None = None
+
+
 def compare(
     scan: Scan,
     surface: DeformedSurface,
     undeformed_scan: Scan | None = None,
-    *,
-    scanner_sigma_m: float = SCANNER_SIGMA,
-    start: Pose | None = IDENTITY,
-    start_contacts: np.ndarray | None = None,
-    undeformed_start: Pose | None = None,
-    mask: np.ndarray | None = None,
-    contacts: Contacts | None = None,
-    registration: Registration | None = None,
-    outlier_m: float | None = None,
+    setup: Setup | None = None,
     progress: Progress = lambda _: None,
 ) -> Comparison:
     """Compare a scan with the deformed outer face of a shell.
 
-    scanner_sigma_m: noise of one scan point along the surface normal [m]. start: pose of the scan
-    to start from, None searches all rotations; start_contacts (c, 3): points in the object's
-    frame that it was made from; undeformed_start: the same for the undeformed
-    scan, by default the pose found for the deformed one (one scanner set-up). mask (n,): points
-    of the undeformed region, found automatically if None. contacts: on the outer face at rest,
-    found from the model if None. registration: use this pose instead of finding one. outlier_m:
-    distance beyond which a point is no part of the object (default a quarter of its extent).
-    Raises RegistrationError or ComparisonError.
+    `undeformed_scan`: of the same object before it was squeezed, from the same place of the
+    scanner. Raises RegistrationError or ComparisonError.
     """
+    setup = setup or Setup()
+    sigma = setup.scanner_sigma_m
     if len(scan.points) == 0:
         raise ComparisonError(f'{scan.source}: the scan has no points; scan the object again')
     if not np.all(np.isfinite(scan.points)):
         raise ComparisonError(f'{scan.source}: the scan has points that are not finite')
     progress('registration')
-    found = registration or _registered(
-        scan, surface, scanner_sigma_m, start=start, mask=mask, contacts=start_contacts
+    found = setup.registration or _registered(
+        scan, surface, sigma, start=setup.start, mask=setup.mask, contacts=setup.start_contacts
     )
     points = found.pose.apply(scan.points)
     progress('distances')
     distances = measure(surface, points)
-    limit = OUTLIER_SHARE * surface.extent if outlier_m is None else outlier_m
+    limit = OUTLIER_SHARE * surface.extent if setup.outlier_m is None else setup.outlier_m
     outlying = np.abs(distances.distance) > limit
     used = ~outlying & ~distances.beside
     if not used.any():
@@ -216,29 +228,24 @@ def compare(
             f'{scan.source}: no scan point lies within {1e3 * limit:.3g} mm of the surface; '
             'check unit, object and start pose'
         )
-    in_dent = distances.displacement > surface.dent_threshold
     progress('statistics')
-    contacts = contacts_of(surface) if contacts is None else contacts
-    undeformed, undeformed_points = _undeformed(
-        undeformed_scan, surface, undeformed_start or found.pose, scanner_sigma_m
-    )
-    rigid = used & ~in_dent
-    merged = merging_sigma(
-        distances.foot[rigid],
-        distances.distance[rigid],
-        None if undeformed_points is None else _at_rest(surface, undeformed_points),
-        2.0 * FIT_RADIUS,
-    )
-    seen = coverage(surface, distances, used, _deformed_contacts(surface, contacts))
+    undeformed, undeformed_points = _undeformed(undeformed_scan, surface, found.pose, sigma)
+    in_dent = distances.displacement > surface.dent_threshold
+    merged = _merging_sigma(surface, distances, used & ~in_dent, undeformed_points)
     means = local_means(points[used], distances.distance[used])
     if means is None:
         raise ComparisonError(f'{scan.source}: no points to average')
-    areas = _areas(scan, surface, distances, used)
-    value, dented = distances.distance[used], in_dent[used]
-    disc_in_dent = means.share(dented) > 0.5
+    contacts = contacts_of(surface) if setup.contacts is None else setup.contacts
+    seen = coverage(surface, distances, used, _deformed_contacts(surface, contacts))
+
+    def depth_sigma(point: np.ndarray, direction: np.ndarray) -> float:
+        return float(np.hypot(merged or 0.0, pose_sigma((found, undeformed), point, direction)))
+
     largest = means.largest(means.quotable)
-    outside = summarise(value[~dented])
-    floor = mean_unsigned_noise(scanner_sigma_m)
+    disc_in_dent = means.share(in_dent[used]) > 0.5
+    value, areas = distances.distance[used], _areas(scan, surface, distances, used)
+    summaries = _summaries(value, areas, in_dent[used])
+    floor = mean_unsigned_noise(sigma)
     return Comparison(
         source=scan.source,
         points=points,
@@ -251,37 +258,36 @@ def compare(
         undeformed_registration=undeformed,
         undeformed_points=undeformed_points,
         vertex=_required(summarise(value)),
-        area=summarise(value, areas),
-        dent=summarise(value[dented]),
-        outside=outside,
-        dent_area=summarise(value[dented], areas[dented]),
-        outside_area=summarise(value[~dented], areas[~dented]),
+        **summaries,
         local=means,
         coverage=seen,
         model_to_scan=summarise(seen.model_to_scan, seen.model_area),
-        profiles=tuple(
-            profiles(
-                points[used],
-                surface,
-                contacts,
-                undeformed_points,
-                lambda point, direction: float(
-                    np.hypot(merged or 0.0, pose_sigma((found, undeformed), point, direction))
-                ),
-            )
-        ),
-        scanner_sigma_m=scanner_sigma_m,
+        profiles=tuple(profiles(points[used], surface, contacts, undeformed_points, depth_sigma)),
+        scanner_sigma_m=sigma,
         noise_floor_m=floor,
         mean_error_sigma_m=mean_error_sigma(distances, used, found),
-        mean_error_noise_free_m=_noise_free_mean(means, scanner_sigma_m),
+        mean_error_noise_free_m=_noise_free_mean(means, sigma),
         merging_sigma_m=merged,
         max_error_m=largest,
         dent_max_error_m=means.largest(means.quotable & disc_in_dent),
         outside_max_error_m=means.largest(means.quotable & ~disc_in_dent),
         outliers=int(np.count_nonzero(outlying)),
         beside=int(np.count_nonzero(distances.beside & ~outlying)),
-        notes=_notes(scan, found, outside, floor, merged, largest),
+        notes=_notes(scan, found, summaries['outside'], floor, merged, largest),
     )
+
+
+def _summaries(
+    value: np.ndarray, areas: np.ndarray, dented: np.ndarray
+) -> dict[str, Summary | None]:
+    """Return the statistics of distances (k,) by area, and of those in the dent and outside."""
+    return {
+        'area': summarise(value, areas),
+        'dent': summarise(value[dented]),
+        'outside': summarise(value[~dented]),
+        'dent_area': summarise(value[dented], areas[dented]),
+        'outside_area': summarise(value[~dented], areas[~dented]),
+    }
 
 
 def _notes(
@@ -317,6 +323,21 @@ def _undeformed(
         return None, None
     found = _registered(scan, surface.at_rest(), sigma, start=start)
     return found, found.pose.apply(scan.points)
+
+
+def _merging_sigma(
+    surface: DeformedSurface,
+    distances: Distances,
+    rigid: np.ndarray,
+    undeformed: np.ndarray | None,
+) -> float | None:
+    """Return how far the merging of views moves a neighbourhood as wide as a dent's fit [m]."""
+    return merging_sigma(
+        distances.foot[rigid],
+        distances.distance[rigid],
+        None if undeformed is None else _at_rest(surface, undeformed),
+        2.0 * FIT_RADIUS,
+    )
 
 
 def _at_rest(surface: DeformedSurface, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

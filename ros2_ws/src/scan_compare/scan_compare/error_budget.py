@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from scan_compare.comparison import Comparison, compare
+from scan_compare.comparison import Comparison, Setup, compare
 from scan_compare.deformed_surface import DeformedSurface
 from scan_compare.scan import Scan
 
@@ -78,7 +78,9 @@ def error_budget(
     everything = frozenset(causes)
 
     def errors(on: frozenset[str]) -> Comparison:
-        return compare(make_scan(on), make_surface(on), scanner_sigma_m=scanner_sigma_m)
+        return compare(
+            make_scan(on), make_surface(on), setup=Setup(scanner_sigma_m=scanner_sigma_m)
+        )
 
     whole = errors(everything)
 

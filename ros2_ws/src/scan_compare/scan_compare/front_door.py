@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from scan_compare.comparison import Comparison
+from scan_compare.comparison import Comparison, Setup
 from scan_compare.comparison import compare as compare_surfaces
 from scan_compare.deformed_surface import DeformedSurface, surface_of_outer_face
 from scan_compare.model_file import surface_of_object
@@ -59,8 +59,7 @@ def compare(
         _scan(scan, unit, surface),
         surface,
         None if undeformed is None else _scan(undeformed, unit, surface.at_rest()),
-        scanner_sigma_m=scanner_sigma,
-        start=start,
+        Setup(scanner_sigma_m=scanner_sigma, start=start),
     )
 
 

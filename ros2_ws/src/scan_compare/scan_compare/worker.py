@@ -21,7 +21,7 @@ from threading import Thread
 import numpy as np
 
 from grasp_common.formats import RawMesh
-from scan_compare.comparison import ComparisonError, compare
+from scan_compare.comparison import ComparisonError, Setup, compare
 from scan_compare.deformed_surface import (
     DeformedSurface,
     SurfaceError,
@@ -134,9 +134,7 @@ def run(job: Job) -> Result:
             scan,
             surface,
             undeformed,
-            scanner_sigma_m=job.scanner_sigma_m,
-            start=job.start,
-            outlier_m=job.outlier_m,
+            Setup(scanner_sigma_m=job.scanner_sigma_m, start=job.start, outlier_m=job.outlier_m),
         )
         if job.report_directory:
             write_report(comparison, Path(job.report_directory) / f'scan_{job.stamp_ns}')

@@ -19,7 +19,7 @@ from scan_shells import (
     two_dents,
 )
 
-from scan_compare.comparison import Comparison, ComparisonError, compare
+from scan_compare.comparison import Comparison, ComparisonError, Setup, compare
 from scan_compare.deformed_surface import DeformedSurface
 from scan_compare.dent import Contacts, profiles
 from scan_compare.pressed_plate import bending, depth_under_pin
@@ -112,7 +112,7 @@ def test_planted_errors_are_recovered_within_a_twentieth_of_a_millimetre(
 ) -> None:
     model = ball(field)
     found = compare(scan, model)
-    planted = compare(perfect[0], model, registration=perfect[1])
+    planted = compare(perfect[0], model, setup=Setup(registration=perfect[1]))
     assert found.mean_error_noise_free_m == pytest.approx(planted.vertex.mean_m, abs=0.05e-3)
     assert found.max_error_m == pytest.approx(planted.max_error_m, abs=0.05e-3)
     signed = found.dent.signed_mean_m - planted.dent.signed_mean_m
@@ -209,7 +209,7 @@ def test_a_dent_is_deep_against_its_own_body_even_if_that_drifts(scan: Scan) -> 
     field = lambda points: GRASP(points) + drift  # noqa: E731
     moved = Scan(scan.points, None, 'm', False, 'drifted')
     start = SCANNER.after(Pose(np.eye(3), drift))
-    drifted = compare(moved, ball(field), start=start).profiles
+    drifted = compare(moved, ball(field), setup=Setup(start=start)).profiles
     for one, other in zip(still, drifted, strict=True):
         assert other.apex_m == pytest.approx(one.apex_m, abs=0.03e-3)
 

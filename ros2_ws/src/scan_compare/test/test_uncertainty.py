@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scan_shells import BALL_RADIUS, SCANNER_SIGMA, ball, scan_points
 
-from scan_compare.comparison import compare
+from scan_compare.comparison import Setup, compare
 from scan_compare.dent import Contacts
 from scan_compare.scan import Scan
 from scan_compare.uncertainty import merging_sigma
@@ -80,7 +80,7 @@ def test_a_depth_is_no_better_known_than_the_views_that_show_it() -> None:
     pole = np.array([[0.0, 0.0, np.linalg.norm(model.samples.position[0])]])
     contact = Contacts(pole, np.array([[0.0, 0.0, -1.0]]))
     plain, merged_views = (
-        compare(Scan(seen, None, 'm', False, 'views'), model, contacts=contact)
+        compare(Scan(seen, None, 'm', False, 'views'), model, setup=Setup(contacts=contact))
         for seen in (points, points + off[:, None] * outward)
     )
     assert plain.profiles[0].apex_sigma_m < 0.03e-3

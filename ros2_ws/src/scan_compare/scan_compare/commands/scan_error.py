@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from grasp_common.command_line import parse
 from grasp_common.terminal import complain, say
 from scan_compare.commands.scan_error_options import build_parser
-from scan_compare.comparison import Comparison, ComparisonError, Progress, compare
+from scan_compare.comparison import Comparison, ComparisonError, Progress, Setup, compare
 from scan_compare.deformed_surface import DeformedSurface, SurfaceError
 from scan_compare.merge import MergeError, merge
 from scan_compare.model_file import surface_of_files, surface_of_object
@@ -82,25 +82,20 @@ def _run(options: argparse.Namespace, progress: Progress) -> Comparison:
     if options.contacts is not None:
         start, contacts = _start_from(options.contacts)
 
-    def comparison(model: DeformedSurface) -> Comparison:
-        return compare(
-            scan,
-            model,
-            undeformed,
-            scanner_sigma_m=options.scanner_sigma,
-            start=start,
-            start_contacts=contacts,
-            mask=mask,
-            outlier_m=options.outlier,
-            progress=progress,
-        )
-
-    found = comparison(surface)
+    setup = Setup(
+        scanner_sigma_m=options.scanner_sigma,
+        start=start,
+        start_contacts=contacts,
+        mask=mask,
+        outlier_m=options.outlier,
+    )
+    found = compare(scan, surface, undeformed, setup, progress)
     if options.against is None:
         return found
     other = surface_of_files(options.against, options.rest, surface, options.surface_unit)
     names = (str(options.surface or options.object), str(options.against))
-    return replace(found, notes=(*found.notes, rank(found, comparison(other), names).text))
+    second = compare(scan, other, undeformed, setup, progress)
+    return replace(found, notes=(*found.notes, rank(found, second, names).text))
 
 
 def _start_from(path: Path) -> tuple[Pose, np.ndarray]:

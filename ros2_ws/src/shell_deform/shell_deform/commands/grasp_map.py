@@ -31,8 +31,9 @@ def _map(options: argparse.Namespace) -> None:
     from shell_deform.grasp.map_files import write_map
     from shell_deform.grasp.mapping import MapRequest, workplace
 
-    if not any(options.down):
-        raise CommandError('--down is 0 0 0; give the direction of the weight')
+    if not any(options.down) or not all(map(math.isfinite, options.down)):
+        shown = ' '.join(f'{one:g}' for one in options.down)
+        raise CommandError(f'--down is {shown}; give the direction of the weight in three numbers')
     named = Path(options.object)
     request = MapRequest(
         object_name=str(named.resolve()) if named.is_file() else options.object,

@@ -47,10 +47,13 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
+MOST = 1_000_000
+
+
 def _count(text: str) -> int:
     value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f'{text} is not 1 or more')
+    if not 1 <= value <= MOST:
+        raise argparse.ArgumentTypeError(f'{text} is not between 1 and {MOST}')
     return value
 
 

@@ -36,9 +36,6 @@ DIRECTIONS = np.array(
 LEAST_FRICTION = 1e-6
 """Less friction than this counts as none."""
 
-LEAST_PUSH = 1e-9
-"""A contact with less than this share of the largest push carries nothing."""
-
 MOST_PLANES = 60
 OUTSIDE = 1e-9
 """Forces that stick out of their cone by less than this share of the largest push are inside."""
@@ -70,7 +67,7 @@ def load_capacity(grasp: GraspContacts, wrench: Array, origin: Array) -> Capacit
     wrench = np.asarray(wrench, float)
     if wrench.shape != (6,) or not np.all(np.isfinite(wrench)) or not np.any(wrench):
         raise GraspError(f'the load {wrench.tolist()} must be six finite numbers, not all zero')
-    chosen = _carrying(grasp)
+    chosen = grasp.pressing
     force = np.zeros((grasp.count, FORCES))
     if not np.any(chosen):
         return Capacity(0.0, force, np.zeros(6))
@@ -122,7 +119,7 @@ def epsilon(
     Found by descent from many directions, or from `seed` (6,) alone: each step asks for the
     capacity along a direction, whose proof is the next, weaker one.
     """
-    chosen = _carrying(grasp)
+    chosen = grasp.pressing
     part = grasp.chosen(chosen)
     nothing = 0.0, np.eye(6)[0]
     if part.count < 2 or not length > 0.0:
@@ -156,10 +153,6 @@ def epsilon(
     return max(best, 0.0) * largest, weakest
 
 
-def _carrying(grasp: GraspContacts) -> NDArray[np.bool_]:
-    return grasp.push > LEAST_PUSH * max(float(grasp.push.max(initial=0.0)), 1e-12)
-
-
 def _largest(
     basis: Array, grasp: GraspContacts, wrench: Array, push: Array
 ) -> tuple[float, Array, Array]:
@@ -184,7 +177,7 @@ def _largest(
         x, y = _by_planes(cost, matrix, right, count)
     force = x[: FORCES * count].reshape(count, FORCES).copy()
     force[:, 0] /= friction
-    return max(float(x[5 * count]), 0.0), force, y[:6]
+    return max(0.0, float(x[5 * count])), force, y[:6]
 
 
 def _by_planes(cost: Array, matrix: Array, right: Array, count: int) -> tuple[Array, Array]:
@@ -230,7 +223,7 @@ def _largest_by_pushes(basis: Array, wrench: Array, push: Array) -> tuple[float,
         raise ConeError(f'the programme of {count} pushes did not converge: {found.message}')
     force = np.zeros((count, FORCES))
     force[:, 0] = found.x[:-1]
-    return float(found.x[-1]), force, np.asarray(found.eqlin.marginals)
+    return max(0.0, float(found.x[-1])), force, np.asarray(found.eqlin.marginals)
 
 
 def _support(basis: Array, grasp: GraspContacts, motion: Array) -> float:

@@ -8,7 +8,7 @@ manipulation, 1994, prop. 5.3). Both are questions about points, normals and fri
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,11 +76,25 @@ def closure(grasp: GraspContacts, guess: float | None = None) -> Closure:
     """Closure of k contacts by an exact programme over their friction cones.
 
     `guess`: `needed` of a similar grasp, which saves time. The spin that a contact carries is
-    friction times push times its arm.
+    friction times push times its arm. A contact that does not press is none.
     """
+    pressing = grasp.pressing
+    if pressing.all() or pressing.sum() < 2:
+        return _closure(grasp, guess)
+    found = _closure(grasp.chosen(pressing), guess)
+    by_point, by_normal = np.zeros((2, grasp.count, 3))
+    by_point[pressing], by_normal[pressing] = found.by_point, found.by_normal
+    squeeze = np.zeros((grasp.count if len(found.squeeze) else 0, FORCES))
+    if len(squeeze):
+        squeeze[pressing] = found.squeeze
+    return replace(found, squeeze=squeeze, by_point=by_point, by_normal=by_normal)
+
+
+def _closure(grasp: GraspContacts, guess: float | None) -> Closure:
+    """`closure` of contacts that all press."""
     why = why_open(grasp)
     nothing = np.zeros((grasp.count, 3))
-    if grasp.count < 2 or np.any(grasp.friction <= 0.0):
+    if grasp.pressing.sum() < 2 or np.any(grasp.friction <= 0.0):
         return Closure(False, why, float(STEEPEST), np.zeros((0, FORCES)), nothing, nothing)
     if 'one place' in why:
         return Closure(False, why, float(STEEPEST), np.zeros((0, FORCES)), nothing, nothing)

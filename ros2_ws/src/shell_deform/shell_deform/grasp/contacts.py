@@ -15,6 +15,12 @@ AFTER, BEFORE = np.array([1, 2, 0]), np.array([2, 0, 1])
 FORCES = 4
 """Of a contact: push, two tangential forces, spin torque over its arm."""
 
+LEAST_PUSH = 1e-9
+"""A contact with less than this share of the largest push carries nothing."""
+
+LARGEST = {'push': 1e9, 'friction': 1e3, 'arm': 1e3, 'point': 1e6}
+"""Of what is taken for a contact's value [N, -, m, m]; more is a mistake of units or worse."""
+
 COINCIDENT = 1e-9
 """Contacts nearer than this share of the size of the grasp are one."""
 
@@ -61,8 +67,18 @@ class GraspContacts:
                 raise GraspError(f'{name} has shape {values.shape}; {count} contacts need {size}')
             if not np.all(np.isfinite(values)):
                 raise GraspError(f'{name} of a contact is {values.tolist()}; it must be finite')
-        if count and np.abs(np.linalg.norm(self.normal, axis=1) - 1.0).max() > 1e-6:
-            raise GraspError(f'the normals {self.normal.tolist()} are not of unit length')
+        length = np.linalg.norm(self.normal, axis=1)
+        for i in np.flatnonzero(np.abs(length - 1.0) > 1e-6).tolist():
+            raise GraspError(
+                f'the normal of contact {i + 1} is {self.normal[i].tolist()}, of length '
+                f'{length[i]:.3g}; it must be a unit vector'
+            )
+        for name, largest in LARGEST.items():
+            if np.any(np.abs(getattr(self, name)) > largest):
+                raise GraspError(
+                    f'{name} of a contact is {getattr(self, name).tolist()}; beyond {largest:g} '
+                    'nothing is a contact: look at the units'
+                )
         for name in ('friction', 'arm'):
             if np.any(getattr(self, name) < 0.0):
                 raise GraspError(
@@ -73,6 +89,11 @@ class GraspContacts:
     def count(self) -> int:
         """How many contacts there are."""
         return len(self.point)
+
+    @property
+    def pressing(self) -> NDArray[np.bool_]:
+        """(k,) whether each contact presses at all: one that does not holds nothing."""
+        return self.push > LEAST_PUSH * max(float(self.push.max(initial=0.0)), 1e-12)
 
     def chosen(self, index: NDArray[np.bool_]) -> GraspContacts:
         """Some of the contacts."""
@@ -156,8 +177,12 @@ def why_open(grasp: GraspContacts) -> str:
     """Why these contacts cannot close a grasp whatever they press, or empty."""
     if grasp.count == 0:
         return 'no contact'
+    if not grasp.pressing.any():
+        return 'no contact presses'
     if grasp.count == 1:
         return 'one contact holds nothing'
+    if grasp.pressing.sum() == 1:
+        return 'only one contact presses, and one holds nothing'
     away = grasp.point[:, None] - grasp.point[None]
     apart = np.linalg.norm(away, axis=2)
     if apart.max() < COINCIDENT or np.all(apart < COINCIDENT * np.abs(grasp.point).max()):

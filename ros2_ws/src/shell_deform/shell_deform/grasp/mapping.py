@@ -14,9 +14,10 @@ from shell_deform.building import build_model
 from shell_deform.factor.base import FactorError
 from shell_deform.grasp.capacity import liftable_mass
 from shell_deform.grasp.cone import ConeError
+from shell_deform.grasp.contacts import GraspError
 from shell_deform.grasp.measures import Doubt, Held, Task, measure
 from shell_deform.grasp.reading import read_contacts, read_response, read_wall
-from shell_deform.grasp.sampling import PinGrasp, sample_grasp
+from shell_deform.grasp.sampling import PinGrasp, SamplingError, sample_grasp
 from shell_deform.grasp.stiffness import rigid_share, squeeze_work
 from shell_deform.grasp.window import UNLIMITED, Limits, window_of_curve
 from shell_deform.model import ShellModel
@@ -87,9 +88,12 @@ def workplace(object_name: str, vertices: int, theory: str) -> Workplace:
 def map_grasp(request: MapRequest, number: int) -> dict[str, Any]:
     """Grasp `number` of a map as plain numbers; what cannot be squeezed says why."""
     place = workplace(request.object_name, request.vertices, request.theory)
-    sampled = sample_grasp(
-        place.points, place.triangles, request.hand, request.lean, (request.seed, number)
-    )
+    try:
+        sampled = sample_grasp(
+            place.points, place.triangles, request.hand, request.lean, (request.seed, number)
+        )
+    except SamplingError as error:
+        return {'number': number, 'failed': str(error)}
     result: dict[str, Any] = {
         'number': number, 'at_m': sampled.at.tolist(), 'axis': sampled.axis.tolist(),
     }  # fmt: skip
@@ -107,7 +111,7 @@ def map_grasp(request: MapRequest, number: int) -> dict[str, Any]:
         states.append(found)
     try:
         return {**result, **_measured(request, place, sampled, pins, states)}
-    except (FactorError, ConeError) as error:
+    except (FactorError, ConeError, GraspError) as error:
         return {**result, 'failed': str(error)}
 
 

@@ -55,6 +55,13 @@ def closure_probability(grasp: GraspContacts, found: Closure, sigmas: Sigmas) ->
     """
     if not len(found.squeeze) or (found.why and found.needed < 1.0):
         return 0.0
+    pressing = grasp.pressing
+    if not pressing.all():
+        parts = (found.squeeze, found.by_point, found.by_normal)
+        squeeze, by_point, by_normal = (part[pressing] for part in parts)
+        grasp = grasp.chosen(pressing)
+        found = replace(found, squeeze=squeeze, by_point=by_point, by_normal=by_normal)
+        sigmas = Sigmas(sigmas.point[pressing], sigmas.normal[pressing], sigmas.friction)
     if grasp.count == 2:
         return _of_two(grasp, sigmas)
     slopes = _Slopes.of(grasp, found, sigmas)
@@ -133,6 +140,8 @@ def _of_two(grasp: GraspContacts, sigmas: Sigmas) -> float:
     length = float(np.linalg.norm(line))
     line = line / length
     along = np.array([1.0, -1.0]) * (grasp.normal @ line)
+    # Fingers inside a ring push it apart: the squeeze is then a pull along the line.
+    along = along if along.sum() >= 0.0 else -along
     towards = grasp.normal - (grasp.normal @ line)[:, None] * line
     across = np.linalg.norm(towards, axis=1)
     angle = np.arctan2(across, along)

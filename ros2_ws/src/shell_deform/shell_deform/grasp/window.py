@@ -59,7 +59,8 @@ def squeeze_window(push: float, liftable: float, mass: float, limits: Limits) ->
     (`window_of_curve`). A mass below zero is no mass: nothing can be said.
     """
     if not (np.isfinite(mass) and mass >= 0.0):
-        return SqueezeWindow(UNLIMITED, 0.0, 'mass below zero', max(liftable, 0.0), 0.0, False)
+        limit = 'mass below zero' if mass < 0.0 else 'mass is not a number'
+        return SqueezeWindow(UNLIMITED, 0.0, limit, max(liftable, 0.0), 0.0, False)
     push = max(push, 0.0)
     least = push * mass / liftable if liftable > 0.0 else (0.0 if mass == 0.0 else UNLIMITED)
     most, limit = UNLIMITED, ''

@@ -23,8 +23,6 @@ from grasp_common.main_node import declare, run_node
 from grasp_common.messages import nanoseconds
 from grasp_common.parameter_table import ParameterError
 from grasp_common.point_cloud import MessageError
-from shell_deform.grasp.cone import ConeError
-from shell_deform.grasp.contacts import GraspError
 from shell_deform.live.background.worker_link import (
     Build,
     WorkerError,
@@ -283,10 +281,11 @@ class DeformationNode(Node):
             if packed is not None and estimator.adopted is not None:
                 topics.cloud('nonlinear', packed, estimator.adopted.stamp, self._frame)
         if topics.grasp_wanted:
-            try:
-                topics.grasp(self._grasp.rows(estimator), served.stamp, self._frame)
-            except (GraspError, ConeError) as error:
-                self.get_logger().error(f'grasp: {error}', throttle_duration_sec=5.0)
+            topics.grasp(self._grasp.rows(estimator), served.stamp, self._frame)
+            if self._grasp.why:
+                self.get_logger().info(
+                    f'grasp not closed: {self._grasp.why}', throttle_duration_sec=5.0
+                )
         if self._learns and self.modulus is not None:
             self._learn(estimator, self.modulus)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shell_deform.grasp.capacity import DIRECTIONS, GRAVITY, bounds_of, load_capacity
 from shell_deform.grasp.closure import Closure, closure
 from shell_deform.grasp.cone import ConeError
-from shell_deform.grasp.contacts import UNIFORM_ARM, GraspContacts, contacts
+from shell_deform.grasp.contacts import UNIFORM_ARM, GraspContacts, GraspError, contacts
 from shell_deform.grasp.margins import margins
 from shell_deform.grasp.probability import Sigmas, closure_probability, closure_sigma
 from shell_deform.grasp.window import Limits, squeeze_window
@@ -72,10 +72,14 @@ class Seen:
 
 
 class GraspTick:
-    """Measures of one sample after the other; what the last one proved saves the next one time."""
+    """Measures of one sample after the other; what the last one proved saves the next one time.
+
+    `why`: one sentence why the last grasp is not closed or what of it cannot be told, else empty.
+    """
 
     def __init__(self) -> None:
         self.task = GraspTask()
+        self.why = ''
         self._fingers: tuple[int, ...] = ()
         self._needed: float | None = None
         self._bounds = np.zeros((len(DIRECTIONS), 6))
@@ -86,7 +90,11 @@ class GraspTick:
 
         Fields that say nothing of a row are zero there. `closed` is 1 or 0, as `closure` has it.
         """
-        task, seen = self.task, contacts_of(estimator, self.task)
+        task, self.why = self.task, ''
+        try:
+            seen = contacts_of(estimator, task)
+        except GraspError as error:
+            seen, self.why = _nothing(task), str(error)
         grasp, count = seen.grasp, seen.grasp.count
         if tuple(seen.finger.tolist()) != self._fingers:
             self._fingers, self._needed = tuple(seen.finger.tolist()), None
@@ -110,6 +118,7 @@ class GraspTick:
     def _whole(self, estimator: Estimator, seen: Seen, centre: Array) -> tuple[float, ...]:
         task, grasp = self.task, seen.grasp
         found = closure(grasp, self._needed)
+        self.why = self.why or found.why
         self._needed = found.needed if len(found.squeeze) else None
         lifted, worst = self._capacities(grasp, centre)
         snap = 1.0
@@ -152,28 +161,34 @@ class GraspTick:
                 self._bounds[number] = found.bound
             down = np.append(self.task.down, np.zeros(3))
             lifted = load_capacity(grasp, down, centre).factor
-        except ConeError:
+        except ConeError as error:
+            self.why = self.why or str(error)
             return 0.0, 0.0
         most = bounds_of(grasp, self._bounds, wrenches, centre)
         worst = float(most.min())
         return lifted, worst if np.isfinite(worst) else 0.0
 
 
+def _nothing(task: GraspTask) -> Seen:
+    """A hand that holds nothing."""
+    grasp = contacts(np.zeros((0, 3)), np.zeros((0, 3)), 0.0, task.friction)
+    return Seen(np.zeros(0, np.int64), grasp, np.zeros(0), np.zeros(0), False)
+
+
 def contacts_of(estimator: Estimator, task: GraspTask) -> Seen:
     """The contacts of the last tick in the frame of the contacts.
 
     Before an equilibrium of these fingers is known: points and normals as the hand gives them, and
-    no tangential force.
+    no tangential force. Raises GraspError for contacts that cannot be.
     """
     sample, adopted, posterior = estimator.sample, estimator.adopted, estimator.posterior
     if adopted is None or posterior is None or not len(adopted.fingers):
         if sample is None:
-            nothing = np.zeros((0, 3))
-            grasp = contacts(nothing, nothing, 0.0, task.friction)
-            return Seen(np.zeros(0, np.int64), grasp, np.zeros(0), np.zeros(0), False)
+            return _nothing(task)
+        length = np.linalg.norm(sample.normal, axis=1)[:, None]
         grasp = contacts(
             sample.point,
-            sample.normal / np.linalg.norm(sample.normal, axis=1)[:, None],
+            sample.normal / np.where(length > 0.0, length, 1.0),
             sample.push,
             task.friction,
             UNIFORM_ARM * sample.radius,

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from grasp_common.terminal import fixed, significant
 from shell_deform.commands.console import CommandError
+from shell_deform.contact.friction_share import FrictionShare, friction_share
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
 from shell_deform.readout import principal, read_out
@@ -96,6 +98,19 @@ class GripSweep:
     def point(self, value: float, state: Equilibrium) -> dict[str, Any]:
         """What the grips do at a state, for the JSON document."""
         key = 'pull_m' if self.way == 'pull' else f'{self.way}_rad'
+        share = self.friction_share(state)
+        slip = (
+            {}
+            if share is None
+            else {
+                'slip': {
+                    'torque_nm': share.torque,
+                    'capacity_nm': share.capacity,
+                    'share': share.share,
+                    'warning': share.slips,
+                }
+            }
+        )
         told = zip(self.model.grips, state.grip_pose, state.grip_wrench, strict=True)
         return {
             key: value,
@@ -110,7 +125,27 @@ class GripSweep:
                 }
                 for grip, pose, wrench in told
             ],
+            **slip,
         }
+
+    def friction_share(self, state: Equilibrium) -> FrictionShare | None:
+        """Friction of the contacts about the axis of the turn; None where nothing rubs."""
+        friction = [c.body.friction for c in self.contacts if c.body is not None]
+        if self.way == 'pull' or not any(friction):
+            return None
+        origin = self.model.grips[self.moved].origin
+        return friction_share(state.touches, friction, origin, self.about)
+
+    def slip_warning(self, results: Sequence[tuple[float, Equilibrium]]) -> str | None:
+        """A sentence where what touches is about to slip, from the first pose where it is."""
+        for value, state in results:
+            share = self.friction_share(state)
+            if share is not None and share.slips:
+                return (
+                    f'the contacts are about to slip from {self.said(value)} on: they give '
+                    f'{share.torque:.3g} of the {share.capacity:.3g} N m that friction allows'
+                )
+        return None
 
     def row(self, value: float, state: Equilibrium, largest: tuple[float, float]) -> list[str]:
         """Cells of `headings`; `largest` force [N] and torque [N m] of the table."""

@@ -72,7 +72,8 @@ def _solve(options: argparse.Namespace) -> None:
     cpu = time.process_time() - loaded
     model = solver.model
     readout = read_out(model, state.unknowns, shell_object.yield_stress_pa)
-    for warning in warnings_of(model, state, readout):
+    slip = sweep and sweep.slip_warning([(solved.depth, solved.state) for solved in results])
+    for warning in [*warnings_of(model, state, readout), *([slip] if slip else [])]:
         complain('shell_solve', f'note: {warning}')
     if options.mesh:
         _write_mesh(options.mesh, model, state)

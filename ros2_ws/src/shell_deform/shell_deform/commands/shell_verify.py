@@ -22,6 +22,7 @@ from shell_deform.verification import (
     spheres,
     sze,
     thick_balls,
+    tubes,
 )
 from shell_deform.verification.experiments import EXPERIMENTS
 from shell_deform.verification.problem import Verified
@@ -38,6 +39,7 @@ GROUPS: dict[str, Problems] = {
     'plates': plates.problems,
     'friction': friction.problems,
     'thick': thick_balls.problems,
+    'turn': tubes.problems,
 }
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -13,6 +14,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from shell_deform.assemble.discretisation import Discretisation
+from shell_deform.assemble.held import HeldWall
 from shell_deform.assemble.stamps import Stamp
 from shell_deform.assemble.thick import ThickShell
 from shell_deform.contact.bodies import Body, RoundBar, Shape, frame_of
@@ -74,6 +76,8 @@ class ShellModel:
         grips: rigid bodies that hold parts of it and may move.
         pressure: follower overpressure inside, kept constant [Pa]; on the wall of an open
             surface, whatever closes it, where its work is not part of the energy.
+        remembering: what the wall remembers in a step of time; None for an elastic one. Linear
+            theory has no use for it.
     """
 
     shell: Discretisation
@@ -82,6 +86,7 @@ class ShellModel:
     supports: SupportRows | None = None
     grips: tuple[Grip, ...] = ()
     pressure: float = 0.0
+    remembering: HeldWall | None = None
 
     def __post_init__(self) -> None:
         if self.theory not in THEORY_NAMES:
@@ -294,7 +299,7 @@ class ShellModel:
         """
         if is_linear(self.theory):
             return self._linear_gradient(positions, target)
-        energy, gradient = self.shell.gradient(self.theory, positions)
+        energy, gradient = self._wall_gradient(positions)
         if self.gas.is_sealed or self.pressure:
             volume, row = self.shell.volume(positions)
             energy += self._gas_energy(volume)
@@ -316,11 +321,16 @@ class ShellModel:
 
         Without the springs of what holds it: it keeps its digits however stiff these are.
         """
-        elastic = self.shell.gradient(self.theory, positions)[1]
+        elastic = self._wall_gradient(positions)[1]
         if self.gas.is_sealed or self.pressure:
             volume, row = self.shell.volume(positions)
             elastic -= self.overpressure(volume) * row
         return elastic
+
+    def _wall_gradient(self, positions: Array) -> tuple[float, Array]:
+        if self.remembering is not None:
+            return self.remembering.gradient(positions)
+        return self.shell.gradient(self.theory, positions)
 
     def overpressure(self, volume: float) -> float:
         """Pressure inside minus outside [Pa] at an enclosed volume [m^3]."""
@@ -360,7 +370,10 @@ class ShellModel:
             if self.gas.is_sealed:
                 ratio = volume / self.rest_volume
                 stiffness = -self.gas.pressure_slope(ratio) / self.rest_volume
-        energy, gradient, data = self.shell.tangent(self.theory, positions, pressure)
+        if self.remembering is None:
+            energy, gradient, data = self.shell.tangent(self.theory, positions, pressure)
+        else:
+            energy, gradient, data = self.remembering.tangent(positions, pressure)
         if filled:
             gradient -= pressure * row
             energy += self._gas_energy(volume)
@@ -371,6 +384,12 @@ class ShellModel:
         data += self._fixed_values
         matrix = self.shell.pattern.matrix(data)
         return Tangent(energy, gradient.reshape(-1), matrix, row.reshape(-1), stiffness, pressure)
+
+    def holding(self, held: HeldWall | None) -> ShellModel:
+        """The same shell in a step of time; what is known of it at rest stays known."""
+        result = copy(self)
+        object.__setattr__(result, 'remembering', held)
+        return result
 
     def with_theory(self, theory: str, **changes: Any) -> ShellModel:
         """The same shell under another theory."""

@@ -3,9 +3,11 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from shell_deform.commands import shell_solve
+from shell_deform.objects.loader import shipped_text
 
 # Independent axisymmetric solution, Koiter, E 1 MPa, pin radius 2 mm: mm, N.
 REFERENCE = {1: 0.4354723, 2: 0.7319933, 4: 1.0507244, 8: 1.3476179, 12: 1.6447264}
@@ -87,3 +89,32 @@ def test_headings_keep_their_units_and_rest_is_plain_zero(capsys):
     told = capsys.readouterr().out
     assert all(f'[{unit}]' in told for unit in ('mm', 'N', 'mJ', 'kPa'))
     assert '-0' not in told and 'e-' not in told
+
+
+def test_a_hold_relaxes_at_constant_travel_and_says_what_is_beyond_its_law(tmp_path, capsys):
+    path = tmp_path / 'ball.yaml'
+    law = 'relaxation: {kind: log, share_per_decade: 0.03, from_s: 0.1, to_s: 100}'
+    path.write_text(shipped_text('tennis_ball_as_printed') + law + '\n')
+    arguments = ['--object', str(path), '--vertices', '100', '--displacement-sweep', '0:0.002:1']
+    assert shell_solve.main([*arguments, '--hold', '600', '--json']) == 0
+    told = capsys.readouterr()
+    document = json.loads(told.out)
+    held = document['hold']
+    assert [held[0]['time_s'], held[-1]['time_s']] == [0.0, pytest.approx(600.0)]
+    assert held[-1]['displacement_m'] == pytest.approx(0.002, abs=1e-12)
+    # young_modulus_pa is that of 0.1 s after a step
+    fallen = held[-1]['force_n'] / document['points'][-1]['force_n']
+    assert fallen == pytest.approx(1.0 - 0.03 * np.log10(6000.0), abs=1e-4)
+    assert '600 s is longer than the 100 s that the relaxation is known for' in told.err
+    assert held[-1]['relative_sigma'] > 0.02
+
+
+def test_a_hold_of_an_elastic_object_or_a_linear_theory_is_refused(tmp_path, capsys):
+    arguments = ['--vertices', '100', '--force', '1', '--hold', '10']
+    assert shell_solve.main(['--object', 'tennis_ball', *arguments]) == 1
+    assert '--hold needs relaxation: in the object file' in capsys.readouterr().err
+    path = tmp_path / 'ball.yaml'
+    law = 'relaxation: {kind: prony, shares: [0.1], times_s: [5]}'
+    path.write_text(shipped_text('tennis_ball_as_printed') + law + '\n')
+    assert shell_solve.main(['--object', str(path), '--theory', 'linear', *arguments]) == 1
+    assert 'linear theory takes no holds' in capsys.readouterr().err

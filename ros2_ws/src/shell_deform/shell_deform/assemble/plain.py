@@ -25,7 +25,8 @@ def derivatives(shell: ShellPoints, positions: Array) -> Array:
     return np.stack([m @ positions for m in _matrices(shell, shell.rows)], axis=1)
 
 
-def _wall_stress(shell: ShellPoints, strain: Array) -> Array:
+def wall_stress(shell: ShellPoints, strain: Array) -> Array:
+    """Stress resultants (p, 6) of strains (p, 6)."""
     return np.concatenate(
         [
             np.einsum('pij,pj->pi', shell.membrane, strain[:, :3]),
@@ -41,7 +42,7 @@ def shell_gradient(shell: ShellPoints, theory: str, positions: Array) -> tuple[f
     matrices = _matrices(shell, shell.rows)
     q = np.stack([m @ positions for m in matrices], axis=1)
     strain = law.strains(q, shell.reference)
-    stress = _wall_stress(shell, strain)
+    stress = wall_stress(shell, strain)
     energy = 0.5 * float(shell.weights @ np.einsum('pk,pk->p', strain, stress))
     force = np.einsum('p,pk,pkai->pai', shell.weights, stress, law.jacobian(q, shell.reference))
     gradient = sum(m.T @ force[:, d] for d, m in enumerate(matrices))
@@ -57,21 +58,43 @@ def shell_tangent(
     matrices = _matrices(shell, shell.rows)
     q = np.stack([m @ positions for m in matrices], axis=1)
     jac = law.jacobian(q, shell.reference)
-    stress = _wall_stress(shell, law.strains(q, shell.reference))
+    stress = wall_stress(shell, law.strains(q, shell.reference))
     stiff = np.zeros((len(q), 6, 6))
     stiff[:, :3, :3], stiff[:, 3:, 3:] = shell.membrane, shell.bending
     h = np.einsum('pkai,pkl,plbj->paibj', jac, stiff, jac, optimize=True)
     h += law.hessian(q, shell.reference, stress)
-    h *= shell.weights[:, None, None, None, None]
-    total = sp.csr_matrix((3 * len(positions),) * 2)
+    total = _assembled(shell, matrices, h) - pressure * _volume_stiffness(shell, positions)
+    return energy, gradient, _into_pattern(shell, total)
+
+
+def _assembled(shell: ShellPoints, matrices: list[sp.csr_matrix], h: Array) -> sp.csr_matrix:
+    """Stiffness (3 n, 3 n) of second derivatives h (p, 5, 3, 5, 3) by the derivative vectors."""
+    h = shell.weights[:, None, None, None, None] * h
+    total = sp.csr_matrix((3 * len(shell.mesh.vertices),) * 2)
     for a, left in enumerate(matrices):
         for b, right in enumerate(matrices):
             for i in range(3):
                 for j in range(3):
                     block = left.T @ sp.diags(h[:, a, i, b, j]) @ right
                     total = total + _spread(block, i, j)
-    total = total - pressure * _volume_stiffness(shell, positions)
-    return energy, gradient, _into_pattern(shell, total)
+    return total
+
+
+def held_tangent(
+    shell: ShellPoints, theory: str, held: Array, positions: Array, stiff: bool
+) -> tuple[float, Array, Array]:
+    """Work [J] of the stresses `held` (p, 6), its gradient, and if `stiff` its stiffness."""
+    law = THEORIES[theory]
+    matrices = _matrices(shell, shell.rows)
+    q = np.stack([m @ positions for m in matrices], axis=1)
+    energy = float(shell.weights @ np.einsum('pk,pk->p', held, law.strains(q, shell.reference)))
+    force = np.einsum('p,pk,pkai->pai', shell.weights, held, law.jacobian(q, shell.reference))
+    gradient = sum(m.T @ force[:, d] for d, m in enumerate(matrices))
+    data = np.zeros(0)
+    if stiff:
+        h = law.hessian(q, shell.reference, held)
+        data = _into_pattern(shell, _assembled(shell, matrices, h))
+    return energy, np.asarray(gradient), data
 
 
 def _spread(block: sp.spmatrix, i: int, j: int) -> sp.csr_matrix:

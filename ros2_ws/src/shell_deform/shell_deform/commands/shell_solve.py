@@ -18,6 +18,7 @@ from grasp_common.terminal import complain, fixed, print_table, significant, tra
 from shell_deform.building import build_model, object_contacts, with_material
 from shell_deform.commands.console import CommandError, print_json, run
 from shell_deform.commands.gripping import GripSweep, grip_sweep
+from shell_deform.commands.shell_solve_hold import Held, hold, print_hold, relaxation_of
 from shell_deform.commands.shell_solve_options import build_parser
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
@@ -64,11 +65,14 @@ def _solve(options: argparse.Namespace) -> None:
     )
     contacts = object_contacts(shell_object, model, options.pin_radius)
     sweep = grip_sweep(options, shell_object.name, model, contacts)
+    if sweep is not None and options.hold:
+        raise CommandError('--hold follows --displacement-sweep or --force at contacts, no grips')
     solver = EquilibriumSolver(model, NewtonOptions(stability=True))
     if sweep is None:
-        state, results, ended = _squeezed(options, shell_object, solver, contacts)
+        state, results, ended, held = _squeezed(options, shell_object, solver, contacts)
     else:
         state, results, ended = _gripped(sweep, shell_object, solver)
+        held = []
     cpu = time.process_time() - loaded
     model = solver.model
     readout = read_out(model, state.unknowns, shell_object.yield_stress_pa)
@@ -87,12 +91,15 @@ def _solve(options: argparse.Namespace) -> None:
                 'vertices': len(model.rest),
                 'cpu_seconds': cpu,
                 'points': [_point(solved, sweep) for solved in results],
+                **({'hold': [one.row() for one in held]} if options.hold else {}),
                 'message': ended,
             }
         )
     elif results or not ended:
         title = f'{shell_object.name}, {model.theory} theory, {len(model.rest)} control vertices'
         _print_table(f'{title}, {cpu:.2f} s processor time', results, sweep)
+        if held:
+            print_hold(held)
     if ended:
         # What converged has been printed, drawn and written: the end comes last.
         raise CommandError(ended)
@@ -103,8 +110,8 @@ def _squeezed(
     shell_object: ShellObject,
     solver: EquilibriumSolver,
     contacts: tuple[ContactPatch, ...],
-) -> tuple[Equilibrium, list[Solved], str]:
-    """Last state and rows of a squeeze at the contacts, and why it ended early, if it did."""
+) -> tuple[Equilibrium, list[Solved], str, list[Held]]:
+    """Last state and rows of a squeeze, why it ended early, if it did, and the hold after it."""
     by_force = options.force is not None
     values = options.force if by_force else options.displacement_sweep
     if values is None:
@@ -117,8 +124,10 @@ def _squeezed(
             f'{shell_object.name} has grips and no other contacts; use --twist, --bend, --pull or '
             '--turn'
         )
+    law = relaxation_of(shell_object) if options.hold else None
     results: list[Solved] = []
-    state, touch = first_touch(solver, contacts)
+    began, touch = first_touch(solver, contacts)
+    state = began
     for value in tracked(values, 'load cases'):
         start = time.perf_counter()
         wanted = [value] * len(contacts)
@@ -128,11 +137,14 @@ def _squeezed(
             unit = 'N' if by_force else 'm'
             ended = f'{shell_object.name}: no equilibrium at {value:g} {unit}: {found.message}'
             ended += '; use a displacement sweep' if by_force else '; use smaller steps'
-            return state, results, ended
+            return state, results, ended, []
         state = found
         depth = float(np.mean(state.displacement - touch))
         results.append(Solved(state, depth, time.perf_counter() - start))
-    return state, results, ''
+    if law is None:
+        return state, results, '', []
+    held, ended = hold(solver, law, case, (began, touch), options.hold)
+    return held[-1].state if held else state, results, ended, held
 
 
 def _gripped(

@@ -93,6 +93,10 @@ def build_parser() -> argparse.ArgumentParser:
         help='displacement of each contact along its inward axis [m], START included',
     )
     load.add_argument('--force', type=_forces, metavar='F1,F2,…', help='push per contact [N]')
+    parser.add_argument(
+        '--hold', type=_positive, metavar='SECONDS',
+        help='keep the last displacement or force so long [s] while the wall relaxes',
+    )  # fmt: skip
     parser.add_argument('--pin-radius', type=_positive, metavar='M', help='contact radius [m]')
     parser.add_argument('--young', type=_positive, metavar='PA', help="Young's modulus [Pa]")
     parser.add_argument('--poisson', type=float, metavar='NU', help="Poisson's ratio [-]")

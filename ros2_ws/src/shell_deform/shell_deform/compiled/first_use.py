@@ -23,12 +23,13 @@ from pathlib import Path
 
 from shell_deform.compiled.cache import HAVE_NUMBA, cache_folder, kernel_sources
 
-# What most kernels need, then what one process compiles in one go, the longest first.
+# What most kernels need, then what one process compiles in one go, the longest first. A module
+# of kernels brings those that it imports.
 COMMON = ('shell_deform.compiled.kernel_arrays', 'shell_deform.factor.blas')
 KERNELS = (
-    'shell_deform.assemble.thick_kernels',
+    'shell_deform.assemble.thick_held_kernels',
     'shell_deform.factor.fronts',
-    'shell_deform.assemble.kernels',
+    'shell_deform.assemble.held_kernels',
     'shell_deform.factor.symbolic',
     'shell_deform.surface.closest_point_kernel',
     'shell_deform.live.tick.fusion_kernel',

@@ -132,8 +132,9 @@ class StepSolver:
 
     def take(self, model: ShellModel) -> None:
         """Go on with this model of the same shell; another discretisation is analysed anew."""
-        if model is not self.model:
-            self.model, self._symbolic = model, None
+        if model.shell is not self.model.shell:
+            self._symbolic = None
+        self.model = model
 
     def factor(self, matrix: sp.csr_matrix) -> Factor:
         """Factorise a stiffness (springs added), reusing the symbolic analysis."""

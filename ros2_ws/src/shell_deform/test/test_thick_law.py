@@ -23,7 +23,7 @@ def moduli(poisson):
 
 def law(strains, curvature, poisson, push=0.0, tilt=0.0):
     """Energy, stresses (12,), tangent (12, 12), thickness numbers (2,)."""
-    work, numbers = np.zeros(WORK_SHAPE), np.array([1.0, 0.0])
+    work, numbers = np.zeros(WORK_SHAPE), np.zeros(2)
     wall = (THICKNESS, *moduli(poisson), push, tilt)
     assert solve_thickness(strains, curvature, *wall, numbers, work)
     stress, tangent = np.zeros(12), np.zeros((14, 14))
@@ -125,4 +125,4 @@ def test_a_wall_folded_onto_itself_has_no_solution_instead_of_a_wrong_one():
     s = rest(FLAT)
     s[:3] = [1.0, 1.0, 1.5]
     wall, work = (THICKNESS, *moduli(0.3), 0.0, 0.0), np.zeros(WORK_SHAPE)
-    assert not solve_thickness(s, FLAT, *wall, np.array([1.0, 0.0]), work)
+    assert not solve_thickness(s, FLAT, *wall, np.zeros(2), work)

@@ -34,11 +34,21 @@ class StiffnessPattern:
 
     def matrix(self, values: Array) -> sp.csr_matrix:
         """The sparse matrix (3 n, 3 n) of these values, sharing memory."""
-        size = len(self.indptr) - 1
-        result = sp.csr_matrix((size, size))
-        result.data, result.indices, result.indptr = values, self.indices, self.indptr
-        result.has_sorted_indices = True
-        return result
+        return csr_matrix_of(values, self.indices, self.indptr)
+
+
+def csr_matrix_of(
+    values: Array, indices: NDArray[np.int32], indptr: NDArray[np.int32]
+) -> sp.csr_matrix:
+    """A square CSR matrix of these very arrays, columns sorted.
+
+    The constructor of SciPy makes new arrays of the pattern; a factor knows one by its identity.
+    """
+    size = len(indptr) - 1
+    result = sp.csr_matrix((size, size))
+    result.data, result.indices, result.indptr = values, indices, indptr
+    result.has_sorted_indices = True
+    return result
 
 
 def stiffness_pattern(node_offsets: Index, nodes: Index, size: int) -> StiffnessPattern:

@@ -138,7 +138,6 @@ def wall_point(
     mixed, by_m = work[13], work[14]
     director_numbers(q, shear, axis, m, jac_m, turned)
     metric_numbers(m, s, jac_s, between, inner)
-    lk[0], lk[1] = 1.0, 0.0
     if not solve_thickness(s, curvature, h, modulus, bulk, push, s[11], lk, solve):
         return np.nan
     curved = pressed or stiff

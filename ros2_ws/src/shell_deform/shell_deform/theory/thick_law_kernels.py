@@ -159,11 +159,24 @@ def solve_thickness(
     """Find the thickness numbers lk (2,) that balance the strains s (11,); False where none do.
 
     `curvature`: rest curvature (K_11, K_12, K_22), K_ab = A_a . N,b. `push`: pressure of a pin
-    [Pa], `tilt`: its axis . d. Newton's method from the given lk, damped so that no fibre turns
-    inside out, with negative curvature flipped. `work` (`WORK_SHAPE`) serves `wall_stress` next.
+    [Pa], `tilt`: its axis . d. Newton's method from where small strains would end, damped so that
+    no fibre turns inside out, with negative curvature flipped. `work` (`WORK_SHAPE`) serves
+    `wall_stress` next.
     """
     equations = work[6]
     _set_heights(curvature, h, shear, bulk, work)
+    area = s[0] * s[1] - s[2] * s[2]
+    if not area > 0.0:
+        return False
+    # The wall thins by nu / (1 - nu) of what its area grows, at the middle and with the height.
+    first_lame = bulk - 2.0 / 3.0 * shear
+    share = 0.5 * first_lame / (first_lame + 2.0 * shear)
+    lk[0] = area ** (-share)
+    grows = 2.0 * lk[0] * (s[1] * s[3] + s[0] * s[4] - 2.0 * s[2] * s[5]) / area
+    grows -= 2.0 * (curvature[0] + curvature[2])
+    lk[1] = -0.5 * h * share * lk[0] * grows
+    keep = 0.5 * lk[0]
+    lk[1] = max(-keep, min(keep, lk[1]))
     for _ in range(MOST_LOCAL_STEPS):
         if not _thickness_equations(s, work, h, push * tilt, lk[0], lk[1], equations):
             return False

@@ -18,9 +18,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from shell_deform.assemble.shell_points import csr_matrix_of
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.factor.analysis import Factor
 from shell_deform.factor.bordered import BorderedFactor
@@ -116,8 +116,7 @@ def factorise_sprung(solver: EquilibriumSolver, tangent: Tangent) -> SprungFacto
     matrix = tangent.stiffness
     if not len(springs):
         return SprungFactor(solver.factor(matrix), springs, 0.0)
-    # The pattern stays the same object: the factor need not compare it again.
-    matrix = sp.csr_matrix((matrix.data.copy(), matrix.indices, matrix.indptr), matrix.shape)
+    matrix = csr_matrix_of(matrix.data.copy(), matrix.indices, matrix.indptr)
     diagonal = matrix.diagonal()
     stiffness = float(np.median(diagonal[diagonal > 0]))
     for dof in springs:

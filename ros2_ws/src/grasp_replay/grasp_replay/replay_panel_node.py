@@ -6,6 +6,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
@@ -13,18 +14,29 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from std_msgs.msg import Bool, Float64
+from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import Trigger
 
 from grasp_common.main_node import status_name
 from grasp_common.messages import diagnostics
 from grasp_replay.bag import Bag
 from grasp_replay.errors import BagError
+from grasp_replay.experiment import read_experiment
 from grasp_replay.replay_core import HIGHEST_RATE, Control, Tally
 from grasp_replay.replay_options import ReplayOptions
 
 DIAGNOSTICS_PERIOD = 1.0
 POSITION_PERIOD = 0.1
+
+
+def recording_text(bag: Path) -> str:
+    """Name of a recording, and what it says of where its numbers come from: `name: label`."""
+    try:
+        known = read_experiment(bag)
+    except BagError:
+        # A damaged description is no reason not to replay; the report says what is wrong.
+        return bag.stem
+    return f'{known.name}: {known.label}' if known.label else known.name
 
 
 class ReplayPanel:
@@ -55,6 +67,8 @@ class ReplayPanel:
         self._position = node.create_publisher(Float64, '~/position', 10)
         self._duration = node.create_publisher(Float64, '~/duration', latched)
         self._paused = node.create_publisher(Bool, '~/paused', latched)
+        self._recording = node.create_publisher(String, '~/recording', latched)
+        self._recording.publish(String(data=recording_text(options.bag)))
         self._duration.publish(Float64(data=float(bag.duration)))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=steady)

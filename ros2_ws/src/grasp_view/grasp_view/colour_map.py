@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers to colours that read without colour vision, and the legend that says what they mean.
 
-The map is cividis (Nunez, Anderton, Renslow 2018, doi:10.1371/journal.pone.0199239): monotone in
-lightness. Quantities are drawn unlit; the browser's renderer still applies a film tone curve to
-every colour, so `renderer_colours` hands it the colours from which the curve makes the wanted
-ones. The pixels of the surface are then the pixels of the legend.
+Sizes: porcelain at zero, then cividis (Nunez, Anderton, Renslow 2018,
+doi:10.1371/journal.pone.0199239) from its yellow down to its navy, so that more is darker and the
+untouched body is light enough to show its shading. Signed numbers: porcelain at zero, navy below
+and brown above, lightness falling both ways. Light only darkens a colour a little (`shading`).
+
+The browser's renderer applies a film tone curve to every colour; `renderer_colours` hands it the
+colours from which the curve makes the wanted ones. A pixel in full light is the legend's.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -73,9 +78,37 @@ def renderer_colours(colours: Bytes) -> npt.NDArray[np.float32]:
     return np.asarray((x @ np.linalg.inv(_INTO).T) * _EXPOSURE, dtype=np.float32)
 
 
-# Index 256 is `no value`.
-TABLE: Bytes = np.vstack([CIVIDIS, NO_VALUE])
-RENDERER_TABLE: npt.NDArray[np.float32] = renderer_colours(TABLE)
+PORCELAIN = (236, 234, 227)
+# The share of the scale over which porcelain turns to yellow, and where in cividis that yellow is:
+# more of the first, or a yellow further up, and two values differ less than light and shade do.
+PALE_SHARE, YELLOW = 0.05, 0.92
+BELOW = (PORCELAIN, (150, 178, 205), (52, 96, 150), (0, 34, 78))
+ABOVE = (PORCELAIN, (225, 172, 116), (170, 86, 24), (86, 34, 4))
+
+
+def between(stops: Sequence[float], colours: npt.ArrayLike, at: Floats) -> Bytes:
+    """Colours (n, 3) at places (n,) between `stops`, whose colours are given (s, 3); sRGB."""
+    rows = np.asarray(colours, dtype=np.float64)
+    mixed = np.stack([np.interp(at, stops, rows[:, k]) for k in range(3)], axis=1)
+    return np.round(mixed).astype(np.uint8)
+
+
+def _sizes() -> Bytes:
+    share = np.arange(256) / 255.0
+    stops = np.concatenate([[0.0], np.linspace(PALE_SHARE, 1.0, 220)])
+    place = np.linspace(YELLOW, 0.0, 220) * 255.0
+    cividis = np.stack([np.interp(place, np.arange(256), CIVIDIS[:, k]) for k in range(3)], 1)
+    return between(stops.tolist(), np.vstack([PORCELAIN, cividis]), share)
+
+
+def _signed() -> Bytes:
+    stops = (-1.0, -0.6, -0.2, 0.0, 0.2, 0.6, 1.0)
+    return between(stops, [*BELOW[:0:-1], PORCELAIN, *ABOVE[1:]], np.linspace(-1.0, 1.0, 256))
+
+
+# Rows 0 to 255 from the lower to the upper end of the scale; row 256 is `no value`.
+TABLE: Bytes = np.vstack([_sizes(), NO_VALUE])
+SIGNED_TABLE: Bytes = np.vstack([_signed(), NO_VALUE])
 
 
 def colour_index(values: Floats, low: float, high: float) -> npt.NDArray[np.intp]:
@@ -122,13 +155,11 @@ def three_digits(value: float) -> str:
 
 def legend_html(title: str, unit: str, low: float, high: float, note: str = '') -> str:
     """The legend as HTML: what is shown, its unit, the colour bar and five numbers, a note."""
-    stops = ', '.join('#' + bytes(CIVIDIS[round(k * 255 / 16)]).hex() for k in range(17))
+    table = SIGNED_TABLE if low < 0.0 else TABLE
+    stops = ', '.join('#' + bytes(table[round(k * 255 / 32)]).hex() for k in range(33))
     numbers = ''.join(f'<span>{three_digits(low + (high - low) * k / 4)}</span>' for k in range(5))
     return (
-        '<div class="grasp-legend" style="padding:0.2em 1em">'
-        f'<div style="font-weight:600;font-size:0.85em">{title} ({unit})</div>'
-        f'<div style="height:0.9em;background:linear-gradient(to right, {stops})"></div>'
-        '<div class="grasp-legend-numbers" style="display:flex;justify-content:space-between;'
-        f'font-size:0.8em;font-variant-numeric:tabular-nums">{numbers}</div>'
-        f'<div style="font-size:0.75em;color:#666">{note}</div></div>'
+        f'<div class="grasp-legend"><b>{title} ({unit})</b>'
+        f'<div class="bar" style="background:linear-gradient(to right, {stops})"></div>'
+        f'<div class="grasp-legend-numbers">{numbers}</div><p>{note}</p></div>'
     )

@@ -29,6 +29,7 @@ from grasp_common.messages import diagnostics
 from grasp_common.point_cloud import MessageError
 
 from . import messages
+from .hand_description import DescriptionError, barrett_hand, read_description
 from .page import BUTTONS, Page, PageError
 from .parameters import PARAMETERS, usage
 from .plot_panel import SERIES
@@ -57,6 +58,8 @@ SCAN_POINTS = 30_000
 HISTORY_PERIOD_S = 0.19
 # A replay that has not told its position for so long is gone.
 REPLAY_GONE_S = 2.0
+# A surface so much older than the one before is another time, not a late sample.
+JUMP_S = 0.5
 # Contact messages between two pictures, so that the one which a surface answers is among them.
 CONTACTS_KEPT = 40
 
@@ -104,13 +107,14 @@ class GraspView(Node):
         self._snapshot = Snapshot(
             object_pose=Pose.of(self.get_parameter('object_pose').value),
             hand_frame=str(self.get_parameter('hand_frame').value),
+            hand=barrett_hand(),
         )
         self._series = TimeSeries(SERIES, span, int(span * self._rate) + 1)
         self._history: History[Snapshot] = History(span, int(span / HISTORY_PERIOD_S) + 1)
         self._commands: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._start = time.monotonic()
         self._latency = float('nan')
-        self._surface_at = float('nan')
+        self._surface_at = self._reset_at = float('nan')
         self._sent: dict[float, float] = {}
         self._replay = ReplayState(0.0, float('nan'))
         self._replay_at = float('-inf')
@@ -180,7 +184,8 @@ class GraspView(Node):
             return lambda message, _: self._keep(**{name: read(message)})
 
         listen('deformation/mesh', MeshMessage, keep('mesh', messages.read_mesh), latched=True)
-        listen('deformation/state', String, keep('state', lambda m: str(m.data)), latched=True)
+        for name in ('state', 'answer'):
+            listen(f'deformation/{name}', String, keep(name, lambda m: str(m.data)), latched=True)
         # Before the surface, so that the sample which it answers is known.
         listen(
             'hand/contacts',
@@ -192,7 +197,10 @@ class GraspView(Node):
         listen('deformation/surface', PointCloud2, self._take_surface)
         for name in ('linear', 'nonlinear'):
             listen(f'deformation/{name}', PointCloud2, keep(name, messages.read_surface))
-        listen('hand/joint_states', JointState, keep('fingers', messages.read_joints))
+        listen('hand/joint_states', JointState, keep('joints', messages.read_joints))
+        read_hand = keep('hand', lambda m: read_description(str(m.data)))
+        listen('robot_description', String, read_hand, latched=True)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._take_facts, 10)
         listen('object_pose', PoseStamped, keep('object_pose', messages.read_pose))
         for name, topic in (('scan', 'scan/points'), ('scan_error', 'scan/error')):
             listen(
@@ -205,6 +213,8 @@ class GraspView(Node):
             listen(topic, Float64, self._number(name))
         if not prefix:
             listen(f'{self._replay_node}/position', Float64, self._take_position)
+            recording = keep('recording', lambda m: str(m.data))
+            listen(f'{self._replay_node}/recording', String, recording, latched=True)
             for name, kind in (('duration', Float64), ('paused', Bool)):
                 listen(f'{self._replay_node}/{name}', kind, self._of_replay(name), latched=True)
 
@@ -225,6 +235,11 @@ class GraspView(Node):
     def _keep(self, **changes: Any) -> None:
         self._snapshot = replace(self._snapshot, **changes)
 
+    def _take_facts(self, message: DiagnosticArray) -> None:
+        facts = messages.read_facts(message, NAMESPACE if self.what_if is not None else '')
+        if facts is not None:
+            self._keep(**vars(facts))
+
     def _number(self, name: str) -> Take:
         def take(message: Float64, _: float) -> None:
             self._keep(numbers={**self._snapshot.numbers, name: float(message.data)})
@@ -243,6 +258,8 @@ class GraspView(Node):
         if asked is not None:
             self._latency = sent - asked
         self._surface_at = time.monotonic()
+        if surface.stamp < self._snapshot.time - JUMP_S:
+            self._reset_at = self._surface_at
         self._keep(served=surface, time=surface.stamp)
         # What one looks back at must not run out at its old end meanwhile.
         last = self._history.ends[1]
@@ -265,7 +282,7 @@ class GraspView(Node):
                 continue
             try:
                 take(*newest)
-            except (MessageError, PoseError, ValueError) as error:
+            except (MessageError, PoseError, DescriptionError, ValueError) as error:
                 self.get_logger().warning(
                     f'{subscription.topic_name} is left out: {error}', throttle_duration_sec=5.0
                 )
@@ -277,8 +294,9 @@ class GraspView(Node):
         self._remember()
         self._run_commands()
         if self.page.watched:
-            told = time.monotonic() - self._replay_at < REPLAY_GONE_S
-            self.page.update(self._snapshot, self._replay if told else None)
+            now = time.monotonic()
+            replay = self._replay if now - self._replay_at < REPLAY_GONE_S else None
+            self.page.update(self._snapshot, replay, now - self._surface_at, now - self._reset_at)
 
     def _remember(self) -> None:
         snapshot = self._snapshot

@@ -3,8 +3,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from pathlib import Path
+
 import numpy as np
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh as MeshMessage
@@ -12,7 +16,7 @@ from shape_msgs.msg import Mesh as MeshMessage
 from grasp_common.messages import cloud, nanoseconds
 from grasp_common.point_cloud import CloudReader, MessageError
 
-from .hand_shape import FingerAngles, finger_angles
+from .hand_description import joint_positions
 from .poses import Pose
 from .scene_model import Cloud, Contacts, Mesh, Surface
 
@@ -84,9 +88,41 @@ def read_mesh(message: MeshMessage) -> Mesh:
     return Mesh(triangles, rest)
 
 
-def read_joints(message: JointState) -> dict[int, FingerAngles]:
-    """`hand/joint_states` as angles per finger."""
-    return finger_angles(list(message.name), np.array(message.position, dtype=np.float64))
+def read_joints(message: JointState) -> dict[str, float]:
+    """`hand/joint_states` as positions by name."""
+    return joint_positions(list(message.name), np.array(message.position, dtype=np.float64))
+
+
+@dataclass(frozen=True)
+class SolverFacts:
+    """What a `deformation` node says of itself in its diagnostics."""
+
+    object_name: str
+    theory: str
+    trouble: str
+
+
+def read_facts(message: DiagnosticArray, namespace: str) -> SolverFacts | None:
+    """The facts of the `deformation` node of `namespace`; None where the message is another's."""
+    for status in message.status:
+        values = {entry.key: entry.value for entry in status.values}
+        ours = status.name.startswith(namespace.strip('/')) == bool(namespace.strip('/'))
+        if 'object' in values and 'background trouble' in values and ours:
+            healthy = status.level in (DiagnosticStatus.OK, b'\x00')
+            return SolverFacts(
+                object_name(values['object']),
+                values.get('theory', ''),
+                '' if healthy else status.message,
+            )
+    return None
+
+
+def object_name(described: str) -> str:
+    """The name of an object that is given by its name or its file."""
+    path = Path(described)
+    if path.suffix not in ('.yaml', '.yml'):
+        return described
+    return path.parent.name if path.stem == 'object' and path.parent.name else path.stem
 
 
 def read_pose(message: PoseStamped) -> Pose:

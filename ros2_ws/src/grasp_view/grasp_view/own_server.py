@@ -15,6 +15,7 @@ import http
 import ipaddress
 import socket
 import threading
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -23,6 +24,11 @@ import websockets.asyncio.server as websocket_server
 from websockets.datastructures import Headers
 from websockets.http11 import Response
 
+from .front_page import FrontPage
+
+# A browser may leave between two lines of ours; what was for it then is nobody's loss.
+warnings.filterwarnings('ignore', message='Queued a .* on a closed connection')
+
 LOOPBACK_NAMES = ('localhost',)
 _replacing = threading.Lock()
 
@@ -30,14 +36,21 @@ _replacing = threading.Lock()
 class OwnServer(viser.ViserServer):
     """A viser server behind the gate, without viser's public tunnel."""
 
-    def __init__(self, host: str, port: int) -> None:
-        """Serve on http://host:port.
+    def __init__(self, host: str, port: int, front: FrontPage) -> None:
+        """Serve on http://host:port, completed by `front`.
 
         Raises OSError where this machine does not have that address.
         """
         _check_address(host, port)
-        with _gated():
+        with _gated(front):
             super().__init__(host=host, port=port, verbose=False)
+
+    def cookies(self, client: viser.ClientHandle) -> str:
+        """The cookies that a browser sent with its request for the socket; empty if unknown."""
+        # viser keeps the connection for its own tests, without an interface.
+        connection = self._websock_server._live_connections.get(client.client_id)
+        request = None if connection is None else connection.request
+        return '' if request is None else ';'.join(request.headers.get_all('Cookie'))
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Never: any client may ask viser to publish the page on the internet."""
@@ -84,13 +97,13 @@ def _check_address(host: str, port: int) -> None:
 
 
 @contextlib.contextmanager
-def _gated() -> Iterator[None]:
+def _gated(front: FrontPage) -> Iterator[None]:
     """Whatever begins to serve meanwhile asks `refusal` first."""
     serve = websocket_server.serve
 
     def serve_gated(*arguments: Any, **options: Any) -> Any:
         inner = options.pop('process_request', None)
-        return serve(*arguments, process_request=_gate(inner), **options)
+        return serve(*arguments, process_request=_gate(inner, front), **options)
 
     with _replacing:
         websocket_server.serve = serve_gated  # type: ignore[assignment, misc]
@@ -100,13 +113,18 @@ def _gated() -> Iterator[None]:
             websocket_server.serve = serve  # type: ignore[misc]
 
 
-def _gate(inner: Callable[[Any, Any], Response | None] | None) -> Callable[[Any, Any], Any]:
+def _gate(
+    inner: Callable[[Any, Any], Response | None] | None, front: FrontPage
+) -> Callable[[Any, Any], Any]:
     def process(connection: Any, request: Any) -> Response | None:
         why = refusal(request.headers, connection.local_address)
         if why:
             body = why.encode()
             headers = Headers({'Content-Type': 'text/plain', 'Content-Length': str(len(body))})
             return Response(http.HTTPStatus.FORBIDDEN, 'Forbidden', headers, body)
-        return None if inner is None else inner(connection, request)
+        ours = front.answer(request.path)
+        if ours is not None or inner is None:
+            return ours
+        return front.finish(inner(connection, request))
 
     return process

@@ -10,43 +10,32 @@ from __future__ import annotations
 import html
 import io
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
-import numpy as np
 import viser
 from PIL import Image
 
-from .colour_map import legend_html, three_digits
+from . import plot_export, words
+from .aim import VIEWS
+from .colour_map import legend_html
+from .front_page import TITLE, FrontPage
 from .own_server import OwnServer
 from .plot_panel import PlotPanel
+from .probe import Probe, probe_html
 from .replay_panel import ReplayPanel, ReplayState
 from .scene_model import DISPLACEMENT, QUANTITIES, SHAPES, Snapshot
-from .scene_view import Legend, SceneView
+from .scene_view import SceneView
+from .section import section_of
+from .section_svg import section_html
+from .surface_layer import Legend
 from .time_series import History, TimeSeries
 from .view_options import SCAN_CHOICES, ViewOptions
-from .windows import Windows
+from .visitors import Visitors
 
 Command = Callable[[str], None]
 BUTTONS = {
     'tare': ('Tare gauges', 'Zero the strain gauges; the hand must be open and still'),
     'compare': ('Compare scan', 'Compare the newest scan with the surface of its time'),
-}
-STATE_COLOURS = {
-    'NO_HAND': '#666666',
-    'FREE': '#2a5f8f',
-    'CONTACT': '#1f6b3a',
-    'SATURATED': '#9a5b00',
-    'STALE': '#a32020',
-    'FAULT': '#a32020',
-}
-# Label in the banner: name in `Snapshot.numbers`, SI unit.
-NUMBERS = {
-    'displacement': ('max_displacement', 'm'),
-    'linear theory off by': ('linearity', ''),
-    'strain energy': ('strain_energy', 'J'),
-    'nonlinear age': ('nonlinear_age', 's'),
-    'scan mean error': ('mean_error', 'm'),
-    'noise floor': ('noise_floor', 'm'),
 }
 PLOT_PERIOD_S = 0.5
 TEXT_PERIOD_S = 0.25
@@ -54,43 +43,6 @@ TEXT_PERIOD_S = 0.25
 
 class PageError(RuntimeError):
     """The page cannot be served; the text says on which address and what to do."""
-
-
-def state_html(state: str, lines: Mapping[str, str]) -> str:
-    """The banner: the state in words on its colour, and numbers beside it."""
-    colour = STATE_COLOURS.get(state, '#666666')
-    name = html.escape(state or 'waiting for deformation/state')
-    cells = ''.join(
-        f'<span>{html.escape(key)}</span> <b style="text-align:right">{html.escape(value)}</b> '
-        for key, value in lines.items()
-    )
-    return (
-        f'<div class="grasp-state" style="background:{colour};color:#fff;padding:0.3em 1em;'
-        f'font-weight:600">{name}</div><div class="grasp-numbers" style="display:grid;'
-        'grid-template-columns:auto auto;gap:0.05em 1em;padding:0.4em 1em;font-size:0.85em;'
-        f'font-variant-numeric:tabular-nums">{cells}</div>'
-    )
-
-
-def with_unit(value: float, unit: str) -> str:
-    """A number in SI as people read it: m in mm, J in mJ, s in ms below one second, 1 in %."""
-    factor, shown = {'m': (1e3, 'mm'), 'J': (1e3, 'mJ'), 's': (1e3, 'ms'), '': (1e2, '%')}[unit]
-    if unit == 's' and value >= 1.0:
-        return f'{value:.1f} s'
-    return f'{three_digits(value * factor)} {shown}'
-
-
-def numbers_of(snapshot: Snapshot, legend: Legend) -> dict[str, str]:
-    """The banner's numbers with their units, only those that are known."""
-    lines = {
-        label: with_unit(snapshot.numbers[name], unit)
-        for label, (name, unit) in NUMBERS.items()
-        if np.isfinite(snapshot.numbers.get(name, np.nan))
-    }
-    if legend.quantity is not DISPLACEMENT:
-        largest = f'{three_digits(legend.largest)} {legend.quantity.unit}'
-        lines[f'largest {legend.quantity.name}'] = largest
-    return lines
 
 
 class Page:
@@ -109,8 +61,9 @@ class Page:
 
         buttons: the names in `BUTTONS` to offer beside the screenshot.
         """
+        self._parts: dict[str, str] = {}
         try:
-            self.server = OwnServer(host, port)
+            self.server = OwnServer(host, port, FrontPage(lambda: self._parts))
         except OSError as error:
             raise PageError(
                 f'cannot serve on {host}:{port}: {error}; parameter host is an address of this '
@@ -124,33 +77,31 @@ class Page:
                 'choose another by the parameter port'
             )
         self._series, self._history = series, history
-        self._windows = Windows(self.server)
-        self.scene = SceneView(self.server, self._windows)
+        self._visitors = Visitors(self.server)
+        self.scene = SceneView(self.server, self._visitors)
+        self._probe = Probe(self.server)
         self._command = command
-        self._legend_text = self._state_text = ''
+        self._texts: dict[str, str] = {}
         self._next_plot = self._next_text = 0.0
         self._build(buttons)
         self._plots: dict[int, PlotPanel] = {}
 
     def _build(self, buttons: Sequence[str]) -> None:
         gui = self.server.gui
-        gui.configure_theme(
-            control_layout='floating',
-            control_width='medium',
-            show_logo=False,
-            show_share_button=False,
-            brand_color=(0, 69, 124),
-        )
         gui.set_panel_label('Grasp')
-        self._state = gui.add_html(state_html('', {}))
-        self._legend = gui.add_html('')
+        self._state = gui.add_html(words.state_html(words.told(Snapshot(), 0.0, 1e9)))
+        self._numbers = gui.add_html('')
+        self._section = gui.add_html(section_html(None))
+        self.replay = ReplayPanel(self.server, self._command)
         self._quantity = gui.add_dropdown(
             'Colour',
             tuple(QUANTITIES),
             initial_value=DISPLACEMENT.name,
-            hint="The quantity on the surface, unlit: its colours are the legend's",
+            hint='The quantity on the surface; light only darkens its colours a little',
         )
         self._shape = gui.add_dropdown('Answer', SHAPES, initial_value='served')
+        view = gui.add_button_group('View', VIEWS, hint='Turn to all of it, to a finger, or above')
+        view.on_click(lambda _: self.scene.look(view.value))
         self._exaggeration = gui.add_slider('Exaggerate', 1.0, 10.0, 0.5, 1.0)
         with gui.add_folder('Show', expand_by_default=False):
             self._rest = gui.add_checkbox('Rest shape', True)
@@ -161,7 +112,6 @@ class Page:
             self._hand = gui.add_checkbox('Hand', True)
             self._cones = gui.add_checkbox('Friction cones', False)
             self._friction = gui.add_slider('Friction coefficient', 0.05, 1.5, 0.05, 0.5)
-        self.replay = ReplayPanel(self.server, self._command)
         with gui.add_folder('Look back', expand_by_default=False):
             self._live = gui.add_checkbox('Live', True, hint='Off: look back with the slider')
             self._back = gui.add_slider('Seconds', -1.0, 0.0, 0.01, 0.0, disabled=True)
@@ -173,6 +123,10 @@ class Page:
             gui.add_button('Screenshot', hint='Save the 3-D picture as PNG').on_click(
                 self._screenshot
             )
+            export = gui.add_button_group(
+                'Export plots', ('CSV', 'PNG'), hint='All numbers over the last seconds'
+            )
+            export.on_click(lambda event: self._export(event, export.value))
             self._answer = gui.add_html('')
         self._live.on_update(lambda _: self._look_back())
 
@@ -193,12 +147,16 @@ class Page:
         Image.fromarray(picture).save(stream, format='PNG')
         client.send_file_download('grasp.png', stream.getvalue(), save_immediately=True)
 
+    def _export(self, event: viser.GuiEvent, kind: str) -> None:
+        if event.client is None or not len(self._series):
+            return
+        made = plot_export.csv if kind == 'CSV' else plot_export.png
+        name = f'grasp_plots.{kind.lower()}'
+        event.client.send_file_download(name, made(self._series), save_immediately=True)
+
     def answer(self, text: str) -> None:
         """Show what came of the last command."""
-        self._answer.content = (
-            '<div class="grasp-answer" style="padding:0.2em 1em;font-size:0.85em">'
-            f'{html.escape(text)}</div>'
-        )
+        self._answer.content = f'<div class="grasp-answer">{html.escape(text)}</div>'
 
     @property
     def options(self) -> ViewOptions:
@@ -227,8 +185,17 @@ class Page:
         """Whether any browser is connected."""
         return bool(self.server.get_clients())
 
-    def update(self, snapshot: Snapshot, replay: ReplayState | None) -> None:
-        """Show `snapshot`, or the remembered one under the time slider; and where a replay is."""
+    def update(
+        self,
+        snapshot: Snapshot,
+        replay: ReplayState | None,
+        answer_age: float = 0.0,
+        since_reset: float = float('inf'),
+    ) -> None:
+        """Show `snapshot`, or the remembered one under the time slider; and where a replay is.
+
+        answer_age: s since the last answer came; since_reset: s since the time jumped.
+        """
         now = time.monotonic()
         self.replay.show(replay)
         if not self._live.value:
@@ -236,30 +203,44 @@ class Page:
         legend = self.scene.draw(snapshot, self.options)
         if now >= self._next_text:
             self._next_text = now + TEXT_PERIOD_S
-            self._write(snapshot, legend)
-        if now >= self._next_plot:
+            self._write(snapshot, legend, words.told(snapshot, answer_age, since_reset))
+        if now >= self._next_plot and self._live.value:
             self._next_plot = now + PLOT_PERIOD_S
             self._draw_plots()
 
     def _draw_plots(self) -> None:
-        clients = self.server.get_clients()
-        for number in self._plots.keys() - clients.keys():
+        visitors = self._visitors.all
+        for number in self._plots.keys() - visitors.keys():
             del self._plots[number]
-        for number, client in clients.items():
+        for number, visitor in tuple(visitors.items()):
             if number not in self._plots:
-                self._plots[number] = PlotPanel(
-                    client, self._series, self._windows.of(client).narrow
-                )
+                self._plots[number] = PlotPanel(visitor, self._series)
             self._plots[number].draw()
 
-    def _write(self, snapshot: Snapshot, legend: Legend) -> None:
+    def _write(self, snapshot: Snapshot, legend: Legend, now: words.Told) -> None:
         quantity = legend.quantity
-        text = legend_html(quantity.name, quantity.unit, 0.0, legend.top, legend.note)
-        if text != self._legend_text:
-            self._legend.content = self._legend_text = text
-        text = state_html(snapshot.state, numbers_of(snapshot, legend))
-        if text != self._state_text:
-            self._state.content = self._state_text = text
+        numbers = words.numbers_html(words.numbers_of(snapshot, legend))
+        section = None
+        if snapshot.mesh is not None:
+            section = section_of(snapshot, self.scene.surface.topology(snapshot.mesh).faces)
+        for name, element, text in (
+            ('state', self._state, words.state_html(now)),
+            ('numbers', self._numbers, words.largest_html(snapshot, now) + numbers),
+            ('section', self._section, section_html(section)),
+        ):
+            if self._texts.get(name) != text:
+                element.content = self._texts[name] = text
+        reading = self._probe.read(snapshot, self.options, self.scene.surface)
+        largest = words.largest_text(snapshot, now)
+        self._parts = {
+            'title': f'{snapshot.object_name} · {TITLE}'.removeprefix(' · '),
+            'header': words.header_html(snapshot),
+            'legend': legend_html(
+                quantity.name, quantity.unit, legend.low, legend.top, legend.note
+            ),
+            'chip': f'<b>{now.word}</b>{largest}',
+            'probe': probe_html(reading),
+        }
 
     def close(self) -> None:
         """Stop serving."""

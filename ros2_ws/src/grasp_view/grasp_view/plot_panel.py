@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers over time, docked beside the scene."""
+"""Numbers over time: a strip below the scene, a diagram a tab.
+
+Drag over a diagram to look closer, double-click for the whole again; while somebody looks back in
+time the diagrams stand still, so that a closer look stays.
+"""
 
 from __future__ import annotations
 
@@ -12,28 +16,37 @@ from viser import uplot
 
 from .poses import Floats
 from .time_series import TimeSeries
+from .visitors import STRIP, Visitor
 
 ROWS = 240
-LINES = (('#00457c', ()), ('#c05a00', (6, 3)), ('#666666', (2, 2)))
+LINES = (('#1f77b8', ()), ('#c8641a', (6, 3)), ('#8a6bb0', (2, 2)))
+DIAGRAM_HEIGHT, GAP = 120, 16
 
 
 @dataclass(frozen=True)
 class Plot:
-    """One diagram: series of `TimeSeries` by name with their labels, times `factor` = unit."""
+    """One diagram: series of `TimeSeries` by name with their labels, times `factor` = unit.
+
+    si: what an exported column's name ends with.
+    """
 
     title: str
     series: dict[str, str]
     factor: float
+    si: str
 
 
 PLOTS = (
-    Plot('force (N)', {'force_1': 'F1', 'force_2': 'F2', 'force_3': 'F3'}, 1.0),
-    Plot('largest displacement (mm)', {'max_displacement': 'served'}, 1e3),
-    Plot('error of linear theory (%)', {'linearity': 'linearity'}, 1e2),
-    Plot('age (ms)', {'surface_age': 'surface', 'nonlinear_age': 'nonlinear'}, 1e3),
-    Plot('latency: contacts to surface (ms)', {'latency': 'surface'}, 1e3),
+    Plot('force (N)', {'force_1': 'F1', 'force_2': 'F2', 'force_3': 'F3'}, 1.0, '_n'),
+    Plot('displacement (mm)', {'max_displacement': 'served'}, 1e3, '_m'),
+    Plot('linear theory off by (%)', {'linearity': 'linearity'}, 1e2, ''),
+    Plot('age (ms)', {'surface_age': 'surface', 'nonlinear_age': 'nonlinear'}, 1e3, '_s'),
+    Plot('latency (ms)', {'latency': 'surface'}, 1e3, '_s'),
     Plot(
-        'scan error (mm)', {'mean_error': 'mean', 'max_error': 'max', 'noise_floor': 'floor'}, 1e3
+        'scan error (mm)',
+        {'mean_error': 'mean', 'max_error': 'max', 'noise_floor': 'floor'},
+        1e3,
+        '_m',
     ),
 )
 SERIES = tuple(name for plot in PLOTS for name in plot.series)
@@ -42,34 +55,31 @@ SERIES = tuple(name for plot in PLOTS for name in plot.series)
 class PlotPanel:
     """The diagrams of one browser."""
 
-    def __init__(self, client: viser.ClientHandle, series: TimeSeries, folded: bool) -> None:
+    def __init__(self, visitor: Visitor, series: TimeSeries) -> None:
         self._series = series
         self._handles: list[tuple[Plot, viser.GuiUplotHandle]] = []
         self._shown: dict[str, tuple[bool, ...]] = {}
-        gui = client.gui
+        gui = visitor.client.gui
         panel = gui.add_panel()
-        panel.dock_left()
-        panel.set_width(300)
-        if folded:
+        width = visitor.window.scene[0] - 2 * GAP
+        panel.float(x=GAP, y=-GAP, width=width, height=STRIP - GAP)
+        if visitor.window.narrow:
             panel.minimize()
-        with panel.add_tab(f'Last {series.span:g} s'):
-            for plot in PLOTS:
-                unknown = (False,) * len(plot.series)
-                empty = np.array([-series.span])
+        for plot in PLOTS:
+            unknown = (False,) * len(plot.series)
+            empty = np.array([-series.span])
+            with panel.add_tab(plot.title):
                 handle = gui.add_uplot(
                     (empty, *(np.zeros(1) for _ in plot.series)),
                     _lines(plot, unknown),
-                    title=plot.title,
-                    scales={
-                        'x': uplot.Scale(time=False, range=(-series.span, 0.0)),
-                        'y': uplot.Scale(auto=True),
-                    },
-                    legend=uplot.Legend(show=len(plot.series) > 1, live=False),
-                    padding=(12, 24, 0, 8),
-                    height=150,
+                    scales={'x': uplot.Scale(time=False), 'y': uplot.Scale(auto=True)},
+                    legend=uplot.Legend(show=True, live=False),
+                    padding=(8, 20, 0, 4),
+                    height=DIAGRAM_HEIGHT,
+                    axes=_axes(visitor),
                 )
-                self._handles.append((plot, handle))
-                self._shown[plot.title] = unknown
+            self._handles.append((plot, handle))
+            self._shown[plot.title] = unknown
 
     def draw(self) -> None:
         """Bring the diagrams up to date."""
@@ -107,6 +117,12 @@ def plottable(
             for column, is_known in zip(columns, known, strict=True)
         ),
     ), known
+
+
+def _axes(visitor: Visitor) -> tuple[uplot.Axis, ...]:
+    ink, grid = visitor.palette.second_ink, '#8593a133'
+    axis: uplot.Axis = {'stroke': ink, 'grid': {'stroke': grid}}
+    return axis, axis
 
 
 def _lines(plot: Plot, shown: tuple[bool, ...]) -> tuple[uplot.Series, ...]:

@@ -15,8 +15,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from .colour_map import colour_index
-from .hand_shape import FingerAngles
+from .hand_description import Description
 from .poses import Floats, Pose
 
 Ints = npt.NDArray[np.integer]
@@ -84,7 +83,12 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Everything received last; None where nothing came yet. `time` is the newest stamp in s."""
+    """Everything received last; None where nothing came yet. `time` is the newest stamp in s.
+
+    joints: positions by name, rad or m. answer: which theory answered, `taking up` while none
+    could; trouble: what the deformation node complains of. object_name, theory and recording say
+    where the numbers come from; a recording is `name: label`.
+    """
 
     time: float = 0.0
     mesh: Mesh | None = None
@@ -94,11 +98,22 @@ class Snapshot:
     contacts: Contacts | None = None
     scan: Cloud | None = None
     scan_error: Cloud | None = None
-    fingers: Mapping[int, FingerAngles] = field(default_factory=dict)
+    joints: Mapping[str, float] = field(default_factory=dict)
+    hand: Description | None = None
     state: str = ''
+    answer: str = ''
+    trouble: str = ''
+    object_name: str = ''
+    theory: str = ''
+    recording: str = ''
     numbers: Mapping[str, float] = field(default_factory=dict)
     object_pose: Pose = field(default_factory=Pose)
     hand_frame: str = 'hand_base'
+
+    @property
+    def frame(self) -> str:
+        """The frame that the scene is drawn in; empty before the first answer."""
+        return '' if self.served is None else self.served.frame
 
     def in_scene(self, frame: str) -> Pose:
         """Where `frame` lies in the scene; every frame but the hand's counts as the object's."""
@@ -119,7 +134,8 @@ class Snapshot:
 class Quantity:
     """A quantity the surface can be coloured by; `factor` turns SI into `unit`.
 
-    smallest: the least upper end of its scale; grey: what a vertex without a value lacks.
+    smallest: the least upper end of its scale; grey: what a vertex without a value lacks;
+    signed: the scale goes as far below zero as above.
     """
 
     name: str
@@ -127,11 +143,16 @@ class Quantity:
     factor: float
     smallest: float
     grey: str
+    signed: bool = False
+
+    def low(self, top: float) -> float:
+        """The lower end of the scale that ends at `top`."""
+        return -top if self.signed else 0.0
 
 
 DISPLACEMENT = Quantity('displacement', 'mm', 1e3, 0.1, 'no answer')
 DIFFERENCE = Quantity('linear - nonlinear', 'mm', 1e3, 0.05, 'both theories have not answered')
-SCAN_ERROR = Quantity('scan error', 'mm', 1e3, 0.2, 'not seen by a compared scan')
+SCAN_ERROR = Quantity('scan error', 'mm', 1e3, 0.2, 'not seen by a compared scan', signed=True)
 SIGMA = Quantity('uncertainty', 'mm', 1e3, 0.02, 'no uncertainty published')
 ENERGY = Quantity('strain energy density', 'J/m²', 1.0, 0.1, 'no energy density published')
 QUANTITIES = {q.name: q for q in (DISPLACEMENT, DIFFERENCE, SCAN_ERROR, SIGMA, ENERGY)}
@@ -169,7 +190,9 @@ def deformed(surface: Surface, exaggeration: float = 1.0) -> Floats:
 
 
 def vertex_scan_error(vertices: Floats, points: Floats, distance: Floats) -> Floats:
-    """Mean unsigned scan error (n,) in m of the points nearest to each vertex; NaN = not seen.
+    """Mean signed scan error (n,) in m of the points nearest to each vertex; NaN = not seen.
+
+    Positive where the scan lies outside of the model.
 
     A point speaks for a vertex that is no further away than its own error plus 2 mm.
     """
@@ -182,33 +205,36 @@ def vertex_scan_error(vertices: Floats, points: Floats, distance: Floats) -> Flo
     gap, index = gap.reshape(-1, count), index.reshape(-1, count)
     weight = (gap <= size[index] + 2e-3).astype(float)
     total = weight.sum(axis=1)
-    mean = (weight * size[index]).sum(axis=1) / np.maximum(total, 1.0)
+    mean = (weight * distance[index]).sum(axis=1) / np.maximum(total, 1.0)
     return np.where(total > 0, mean, np.nan)
 
 
 @dataclass(frozen=True)
-class Arrow:
-    """A contact's force: tail and head (3,) m, finger, force and sigma in N, flags in words."""
+class Touch:
+    """A contact's force: point (3,) m, force (3,) N, finger, sigma in N, flags in words."""
 
-    tail: Floats
-    head: Floats
+    point: Floats
+    force: Floats
     finger: int
-    force: float
     sigma: float
-    radius: float
     flags: tuple[str, ...]
     touching: bool
 
     @property
+    def newtons(self) -> float:
+        """Size of the force."""
+        return float(np.linalg.norm(self.force))
+
+    @property
     def label(self) -> str:
-        """What stands beside the arrow."""
+        """What stands beside the finger's arrow."""
         sigma = f' ± {self.sigma:.1f}' if np.isfinite(self.sigma) else ''
         words = f' {", ".join(self.flags)}' if self.flags else ''
-        return f'F{self.finger}: {self.force:.1f}{sigma} N{words}'
+        return f'F{self.finger}  {self.newtons:.1f}{sigma} N{words}'
 
 
-def arrows(snapshot: Snapshot, metres_per_newton: float) -> list[Arrow]:
-    """One arrow per contact with finite numbers, its head at the contact point."""
+def touches(snapshot: Snapshot) -> list[Touch]:
+    """One per contact with finite numbers, in the scene's frame."""
     contacts = snapshot.contacts
     if contacts is None:
         return []
@@ -220,13 +246,11 @@ def arrows(snapshot: Snapshot, metres_per_newton: float) -> list[Arrow]:
             continue
         flags = int(contacts.flags[k])
         made.append(
-            Arrow(
-                points[k] - forces[k] * metres_per_newton,
+            Touch(
                 points[k],
+                forces[k],
                 int(contacts.finger[k]),
-                float(np.linalg.norm(forces[k])),
                 float(contacts.sigma[k]),
-                float(contacts.radius[k]),
                 tuple(word for bit, word in FLAG_NAMES.items() if flags & bit),
                 bool(flags & CONTACT),
             )
@@ -255,40 +279,9 @@ def friction_cones(snapshot: Snapshot, coefficient: float, length: float) -> Flo
     return np.concatenate(segments) if segments else np.zeros((0, 2, 3))
 
 
-def level_lines(vertices: Floats, triangles: Ints, values: Floats, step: float) -> Floats:
-    """Segments (s, 2, 3) m on which `values` (n,), linear in each face, is a multiple of `step`.
-
-    The zero line is left out; at most 40 levels are drawn.
-    """
-    levels = np.arange(1, min(int(values.max(initial=0.0) / step), 40) + 1) * step
-    corners = values[triangles]
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    segments = []
-    for level in levels:
-        hit = np.flatnonzero((low < level) & (high >= level))
-        faces, height = triangles[hit], corners[hit] - level
-        above = height >= 0.0
-        # The corner alone on its side: both cut edges meet there.
-        alone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
-        row = np.arange(len(hit))
-        first, ends = faces[row, alone], []
-        for side in (1, 2):
-            other = (alone + side) % 3
-            weight = height[row, alone] / (height[row, alone] - height[row, other])
-            start = vertices[first]
-            ends.append(start + weight[:, None] * (vertices[faces[row, other]] - start))
-        segments.append(np.stack(ends, axis=1))
-    return np.concatenate(segments) if segments else np.zeros((0, 2, 3))
-
-
-def surface_colours(values: Floats | None, count: int, top: float) -> npt.NDArray[np.intp]:
-    """Rows (n,) of the colour table for values on the scale 0..top; all `no value` for None."""
-    return np.full(count, 256) if values is None else colour_index(values, 0.0, top)
-
-
 def largest(values: Floats | None) -> float:
-    """The largest known value, 0 where none is known."""
+    """The largest known size of a value, 0 where none is known."""
     if values is None:
         return 0.0
     known = values[np.isfinite(values)]
-    return float(known.max()) if len(known) else 0.0
+    return float(np.abs(known).max()) if len(known) else 0.0

@@ -31,6 +31,9 @@ class TimeSeries:
         while self._rows and time - self._rows[0][0] > self.span:
             self._rows.popleft()
 
+    def __len__(self) -> int:
+        return len(self._rows)
+
     def columns(self, names: Sequence[str], most: int) -> tuple[Floats, ...]:
         """Time (n,) in s and one array (n,) per name; at most `most` rows, evenly picked."""
         if not self._rows:

@@ -13,7 +13,7 @@ from matplotlib import colormaps
 
 from grasp_view.colour_map import (
     CIVIDIS,
-    RENDERER_TABLE,
+    SIGNED_TABLE,
     TABLE,
     SteadyScale,
     colour_index,
@@ -31,13 +31,26 @@ def test_the_table_is_cividis() -> None:
     assert np.array_equal(CIVIDIS, wanted)
 
 
-def test_larger_values_are_always_lighter() -> None:
-    lightness = linear_light(CIVIDIS) @ np.array([0.2126, 0.7152, 0.0722])
-    assert (np.diff(lightness) > -1e-4).all() and lightness[-1] > 20 * lightness[0]
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+def test_larger_values_are_always_darker() -> None:
+    lightness = linear_light(TABLE[:256]) @ LUMINANCE
+    assert (np.diff(lightness) < 1e-4).all() and lightness[0] > 20 * lightness[255]
+
+
+def test_a_signed_value_is_darker_the_larger_it_is_and_its_sign_is_a_hue() -> None:
+    lightness = linear_light(SIGNED_TABLE[:256]) @ LUMINANCE
+    assert (np.diff(lightness[:128]) > -1e-4).all() and (np.diff(lightness[128:]) < 1e-4).all()
+    # Blue against brown: told apart without red or green receptors.
+    assert SIGNED_TABLE[30, 2] > SIGNED_TABLE[30, 0] + 60
+    assert SIGNED_TABLE[225, 0] > SIGNED_TABLE[225, 2] + 60
 
 
 def test_the_renderers_tone_curve_turns_our_colours_into_the_legends() -> None:
-    assert np.allclose(tone_curve(RENDERER_TABLE.astype(float)), linear_light(TABLE), atol=1e-6)
+    for table in (TABLE, SIGNED_TABLE):
+        made = tone_curve(renderer_colours(table).astype(float))
+        assert np.allclose(made, linear_light(table), atol=1e-6)
 
 
 @settings(deadline=None)
@@ -83,4 +96,6 @@ def test_the_legend_names_quantity_unit_and_five_numbers() -> None:
     text = legend_html('displacement', 'mm', 0.0, 5.0, 'lines every 0.5 mm')
     assert 'displacement (mm)' in text and 'lines every 0.5 mm' in text
     assert re.findall(r'<span>([^<]+)</span>', text) == ['0', '1.25', '2.5', '3.75', '5']
-    assert '#00224e' in text and '#fee838' in text
+    assert '#00224e' in text and '#eceae3' in text
+    signed = legend_html('scan error', 'mm', -0.5, 0.5)
+    assert re.findall(r'<span>([^<]+)</span>', signed) == ['-0.5', '-0.25', '0', '0.25', '0.5']

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
 import os
 import signal
 import subprocess
@@ -21,6 +22,7 @@ from viser import _messages
 from websockets.datastructures import Headers
 
 from grasp_view import own_server, with_parent
+from grasp_view.front_page import FrontPage
 from grasp_view.own_server import OwnServer, refusal
 
 LOCAL = ('127.0.0.1', 8080)
@@ -94,12 +96,12 @@ def test_a_page_for_the_whole_network_is_reached_by_address_and_by_name(monkeypa
 def test_an_address_of_another_machine_is_one_error_at_once():
     for host in ('10.99.99.99', '999.1.1.1', 'no such name', 'a' * 300):
         with pytest.raises(OSError):
-            OwnServer(host, PORT)
+            OwnServer(host, PORT, FrontPage(dict))
 
 
 @pytest.fixture
 def served():
-    server = OwnServer('127.0.0.1', PORT)
+    server = OwnServer('127.0.0.1', PORT, FrontPage(lambda: {'header': 'ours'}))
     yield server
     server.stop()
 
@@ -134,6 +136,28 @@ def test_a_socket_of_another_site_is_closed_before_it_is_opened(served):
     with pytest.raises(websockets.exceptions.InvalidStatus, match='403'):
         asyncio.run(connected('https://evil.example', served.get_port()))
     assert asyncio.run(connected(f'http://127.0.0.1:{served.get_port()}', served.get_port()))
+
+
+def read(port, path, **headers):
+    request = urllib.request.Request(f'http://127.0.0.1:{port}{path}', headers=headers)
+    with urllib.request.urlopen(request, timeout=10) as answer:
+        body = answer.read()
+        packed = answer.headers['Content-Encoding'] == 'gzip'
+        return (gzip.decompress(body) if packed else body).decode()
+
+
+@pytest.mark.parametrize('encoding', ['gzip', 'identity'])
+def test_the_page_has_our_title_icon_and_style_however_it_is_packed(served, encoding):
+    page = read(served.get_port(), '/', **{'Accept-Encoding': encoding})
+    assert '<title>grasp</title>' in page and 'Viser client' not in page
+    assert page.count('rel="icon"') == 1 and 'grasp-overlay' in page
+
+
+def test_overlays_are_for_the_page_alone(served):
+    assert read(served.get_port(), '/overlay') == '{"header": "ours"}'
+    for headers in ({'Host': 'rebound.example:8971'}, {'Origin': 'https://evil.example'}):
+        with pytest.raises(urllib.error.HTTPError, match='403'):
+            read(served.get_port(), '/overlay', **headers)
 
 
 def test_a_rebound_name_does_not_get_the_page(served):

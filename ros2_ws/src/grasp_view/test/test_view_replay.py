@@ -44,7 +44,7 @@ def test_the_recorded_ball_is_dragged_to_its_deepest_dent_and_back(
 
     thumb = slider(tab, 'Recording (s)')
     wait_until(paused, 60, lambda: replay.text)
-    assert buttons(tab) - {'Tare gauges', 'Compare scan', 'Screenshot'} == set(STEPS)
+    assert set(STEPS) <= buttons(tab)
     assert thumb.get_attribute('aria-valuemax') == '26.59'
     wait_until(lambda: position() < 0.1, 30)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scene: from messages' numbers to arrows, cones, lines, colours and the hand's bodies."""
+"""The scene: from messages' numbers to touches, cones, lines and files of bodies."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grasp_view.hand_shape import FingerAngles, finger_angles, finger_frames, hand_bodies
+from grasp_view.level_lines import level_lines
 from grasp_view.poses import Pose, PoseError, quaternion_wxyz, rotation_of
 from grasp_view.scene_model import (
     DIFFERENCE,
@@ -26,14 +26,12 @@ from grasp_view.scene_model import (
     Mesh,
     Snapshot,
     Surface,
-    arrows,
     deformed,
     friction_cones,
-    level_lines,
-    surface_colours,
+    touches,
     values_of,
 )
-from grasp_view.unlit_mesh import unlit_glb
+from grasp_view.unlit_mesh import Body, unlit_glb
 
 RADIUS = 0.03
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=RADIUS)
@@ -100,7 +98,7 @@ def test_scan_error_is_known_only_where_the_scanner_saw() -> None:
     snapshot = Snapshot(mesh=MESH, served=pushed(0.0), scan_error=scan)
     values = values_of(snapshot, SCAN_ERROR, 'served')
     assert values is not None
-    assert np.allclose(values[MESH.rest[:, 2] > 0.4 * RADIUS], 0.5)
+    assert np.allclose(values[MESH.rest[:, 2] > 0.4 * RADIUS], -0.5)
     assert np.isnan(values[MESH.rest[:, 2] < -0.2 * RADIUS]).all()
 
 
@@ -110,40 +108,32 @@ def test_an_answer_of_another_mesh_is_not_drawn() -> None:
     assert all(values_of(snapshot, q, 'served') is None for q in QUANTITIES.values())
 
 
-def test_unknown_values_are_all_grey() -> None:
-    assert surface_colours(None, 3, 1.0).tolist() == [256, 256, 256]
-
-
-def test_an_arrow_ends_at_its_contact_and_points_with_the_force() -> None:
-    (arrow,) = arrows(Snapshot(contacts=contacts()), 1e-3)
-    assert np.allclose(arrow.head, [RADIUS, 0, 0])
-    assert np.allclose(arrow.tail, [RADIUS + 0.012, 0, 0])
-    assert arrow.label == 'F1: 12.0 ± 0.2 N'
-
-
-def test_flags_are_written_beside_the_arrow() -> None:
-    (arrow,) = arrows(Snapshot(contacts=contacts(flags=1 | 2 | 8)), 1e-3)
-    assert arrow.label.endswith('N saturated, not tared') and arrow.touching
+def test_a_touch_tells_its_force_sigma_and_flags() -> None:
+    (touch,) = touches(Snapshot(contacts=contacts()))
+    assert np.allclose(touch.point, [RADIUS, 0, 0]) and np.allclose(touch.force, [-12, 0, 0])
+    assert touch.label == 'F1  12.0 ± 0.2 N'
+    (flagged,) = touches(Snapshot(contacts=contacts(flags=1 | 2 | 8)))
+    assert flagged.label.endswith('N saturated, not tared') and flagged.touching
 
 
 def test_contacts_of_the_hand_frame_are_moved_into_the_objects() -> None:
     pose = Pose.of([0.0, 0.0, 0.1, 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
     snapshot = Snapshot(contacts=contacts('hand_base'), object_pose=pose)
-    (arrow,) = arrows(snapshot, 1e-3)
-    assert np.allclose(arrow.head, [0.0, -RADIUS, -0.1])
+    (touch,) = touches(snapshot)
+    assert np.allclose(touch.point, [0.0, -RADIUS, -0.1])
 
 
 def test_a_surface_in_the_hands_frame_leaves_contacts_where_they_are() -> None:
     pose = Pose.of([0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0])
     served = replace(pushed(0.0), frame='hand_base')
     snapshot = Snapshot(contacts=contacts('hand_base'), object_pose=pose, served=served)
-    assert np.allclose(arrows(snapshot, 1e-3)[0].head, [RADIUS, 0, 0])
+    assert np.allclose(touches(snapshot)[0].point, [RADIUS, 0, 0])
     assert np.allclose(snapshot.in_scene('object').translation, [0, 0, 0.1])
 
 
 def test_a_contact_with_nan_is_left_out() -> None:
     broken = replace(contacts(), forces=np.array([[np.nan, 0.0, 0.0]]))
-    assert arrows(Snapshot(contacts=broken), 1e-3) == []
+    assert touches(Snapshot(contacts=broken)) == []
 
 
 def test_a_friction_cone_opens_by_its_coefficient() -> None:
@@ -158,61 +148,17 @@ def test_a_friction_cone_opens_by_its_coefficient() -> None:
 @given(st.floats(0.05, 0.9))
 def test_level_lines_lie_on_multiples_of_the_step(step: float) -> None:
     height = (MESH.rest[:, 2] / RADIUS) * 0.5 + 0.5
-    segments = level_lines(MESH.rest, MESH.triangles, height, step)
-    level = (segments[..., 2] / RADIUS * 0.5 + 0.5) / step
-    assert np.allclose(level, np.round(level), atol=1e-6) and (np.round(level) >= 1).all()
+    found = level_lines(MESH.rest, MESH.triangles, height, step)
+    assert [level for level, _ in found] == list(range(1, len(found) + 1))
+    for level, segments in found:
+        assert np.allclose((segments[..., 2] / RADIUS * 0.5 + 0.5) / step, level, atol=1e-6)
 
 
 def test_a_level_line_round_a_ball_is_closed() -> None:
-    segments = level_lines(MESH.rest, MESH.triangles, MESH.rest[:, 2] + RADIUS, 0.041)
+    ((_, segments),) = level_lines(MESH.rest, MESH.triangles, MESH.rest[:, 2] + RADIUS, 0.041)
     ends = np.round(segments.reshape(-1, 3) * 1e9).astype(np.int64)
     _, count = np.unique(ends, axis=0, return_counts=True)
     assert (count == 2).all()
-
-
-@pytest.mark.parametrize(
-    ('finger', 'spread', 'base', 'tip', 'axis'),
-    [
-        (1, 0, 0, (-25, -142.868, 132.439), (0, 0.7929, 0.6093)),
-        (3, 0, 0, (0, 142.868, 132.439), (0, -0.7929, 0.6093)),
-        (1, 0, 60, (-25, -41.603, 176.542), (0, 0.7377, -0.6751)),
-        (3, 0, 90, (0, -3.819, 151.079), (0, -0.1312, -0.9914)),
-        (1, 90, 0, (-167.868, 0, 132.439), (0.7929, 0, 0.6093)),
-        (2, 180, 45, (25, 69.446, 178.154), (0, -0.9241, -0.3820)),
-    ],
-)
-def test_the_fingertip_is_where_the_hands_kinematics_puts_it(
-    finger: int, spread: float, base: float, tip: tuple, axis: tuple
-) -> None:
-    angle = np.radians(base)
-    frame = finger_frames(finger, FingerAngles(np.radians(spread), angle, angle / 3))[-1]
-    assert np.allclose(frame.translation * 1e3, tip, atol=2e-3)
-    assert np.allclose(frame.rotation[:, 2], axis, atol=1e-4)
-
-
-def test_the_bridges_joint_names_are_understood() -> None:
-    names = ['spread', *(f'finger_{n}_{part}' for n in (1, 2, 3) for part in ('inner', 'outer'))]
-    angles = finger_angles(names, np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]))
-    assert angles == {
-        1: FingerAngles(0.1, 0.2, 0.3),
-        2: FingerAngles(0.1, 0.4, 0.5),
-        3: FingerAngles(0.0, 0.6, 0.7),
-    }
-
-
-def test_a_finger_without_its_outer_joint_follows_the_gears() -> None:
-    assert finger_angles(['finger_2_inner'], np.array([0.9]))[2].tip == pytest.approx(0.3)
-
-
-def test_bodies_join_the_joints() -> None:
-    angles = FingerAngles(0.0, 0.5, 0.2)
-    bodies = {body.name: body for body in hand_bodies({1: angles})}
-    assert set(bodies) == {'palm', *(f'finger_1_{n}' for n in ('proximal', 'middle', 'distal'))}
-    middle = bodies['finger_1_middle']
-    assert middle.size[0] == pytest.approx(0.07)
-    frames = finger_frames(1, angles)
-    ends = middle.pose.points(np.array([[-0.035, 0, 0], [0.035, 0, 0]]))
-    assert np.allclose(ends, [frames[1].translation, frames[2].translation])
 
 
 quaternions = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
@@ -245,7 +191,7 @@ def test_seven_numbers_that_are_no_pose_are_refused(numbers: list[float]) -> Non
 
 def test_the_surface_file_reads_back_as_it_was() -> None:
     colours = np.random.default_rng(0).uniform(0, 2, (len(MESH.rest), 3))
-    data = unlit_glb(MESH.rest, MESH.triangles, colours)
+    data = unlit_glb([Body(MESH.rest, MESH.triangles, colours)])
     magic, version, length = struct.unpack_from('<4sII', data)
     assert (magic, version, length) == (b'glTF', 2, len(data))
     size = struct.unpack_from('<I', data, 12)[0]
@@ -263,5 +209,15 @@ def test_the_surface_file_reads_back_as_it_was() -> None:
 
 def test_a_surface_of_more_than_65535_vertices_keeps_its_indices() -> None:
     count = 70_000
-    data = unlit_glb(np.zeros((count, 3)), np.array([[0, 1, count - 1]]), np.zeros((count, 3)))
+    far = np.array([[0, 1, count - 1]])
+    data = unlit_glb([Body(np.zeros((count, 3)), far, np.zeros((count, 3)))])
     assert np.frombuffer(data[-12:], '<u4').tolist() == [0, 1, count - 1]
+
+
+def test_a_body_of_one_colour_is_seen_from_one_side_where_it_says_so() -> None:
+    hull = Body(MESH.rest, MESH.triangles[:, ::-1], np.array([0.1, 0.2, 0.3]), both=False)
+    data = unlit_glb([hull])
+    document = json.loads(data[20 : 20 + struct.unpack_from('<I', data, 12)[0]])
+    (material,) = document['materials']
+    assert not material['doubleSided']
+    assert material['pbrMetallicRoughness']['baseColorFactor'] == [0.1, 0.2, 0.3, 1.0]

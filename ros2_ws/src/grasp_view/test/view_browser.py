@@ -9,19 +9,32 @@ import re
 import numpy as np
 from PIL import Image
 
+from grasp_view.colour_map import TABLE
+from grasp_view.shading import DARKEST_UNREAD, lit_colours
+
+MIDDLE = (330, 60, 780, 560)
+
 
 def picture(tab) -> np.ndarray:
-    """The pixels between the two panels, below the notice of software rendering, (h, w, 3)."""
+    """The pixels in the middle of the scene, where the object is, (h, w, 3)."""
     # Software rendering and the test share the processor: let the page work in between.
     tab.wait_for_timeout(150)
     shot = tab.screenshot()
-    scene = Image.open(io.BytesIO(shot)).convert('RGB').crop((310, 200, 670, 640))
+    scene = Image.open(io.BytesIO(shot)).convert('RGB').crop(MIDDLE)
     return np.asarray(scene).astype(int)
 
 
 def share_of(image: np.ndarray, colour: np.ndarray, off: int = 2) -> float:
-    """Which share of the picture's pixels is `colour`, up to `off` of 255."""
-    return float((np.abs(image - colour.astype(int)).max(axis=2) <= off).mean())
+    """Which share of the picture's pixels is `colour` in some light, up to `off` of 255."""
+    lights = np.linspace(DARKEST_UNREAD, 1.0, 26)
+    shades = lit_colours(np.repeat(colour[None], len(lights), axis=0), lights).astype(int)
+    hit = [np.abs(image - shade).max(axis=2) <= off for shade in shades]
+    return float(np.any(hit, axis=0).mean())
+
+
+def deep(tab) -> bool:
+    """Whether the picture shows the navy of the upper end of the scale."""
+    return share_of(picture(tab), TABLE[240], 12) > 1e-4
 
 
 def legend(tab) -> list[float]:
@@ -29,7 +42,9 @@ def legend(tab) -> list[float]:
 
 
 def numbers(tab) -> str:
-    return ' '.join(tab.locator('.grasp-numbers').inner_text().split())
+    """The one number and the table of the others, in one line."""
+    parts = [tab.locator(name).inner_text() for name in ('.grasp-largest', '.grasp-numbers')]
+    return ' '.join(' '.join(parts).split())
 
 
 def choose(tab, label: str, option: str) -> None:
@@ -43,8 +58,8 @@ def buttons(tab) -> set[str]:
 
 
 def displacement_mm(tab) -> float:
-    """The displacement in the banner (mm); NaN while it is not known."""
-    found = re.search(r'displacement ([\d.]+) mm', numbers(tab))
+    """The largest displacement (mm); NaN while it is not known."""
+    found = re.match(r'([\d.]+) (?:± [\d.]+ )?mm', numbers(tab))
     return float(found.group(1)) if found else float('nan')
 
 

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simple convex bodies of the hand's links, as binary STL in m: `python -m ...description.meshes`.
+"""Convex bodies of the hand's links with rounded edges, as binary STL in m.
+
+`python -m barrett_hand_bridge.description.meshes` writes them again.
 
 Dimensioned by the drawings: distances between joints and pads as in the kinematics, widths and
 heights by the eye. They are for pictures and for collisions with room to spare, not for contact.
@@ -13,32 +15,47 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 Array = npt.NDArray[np.float64]
 
 FOLDER = Path(__file__).parent / 'meshes'
-SIDES = 16
+SIDES = 32
+# Edges are rounded as a ball of this radius rolls over them; rings of the ball, and points a ring.
+STL_ROW = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('unused', '<u2')])
+ROUNDING_M, RINGS, AROUND = 4e-3, 5, 16
 
 
-def prism(outline: Sequence[tuple[float, float]], low: float, high: float) -> Array:
-    """Triangles (n, 3, 3) of a convex outline in x and y, counter-clockwise, between two z."""
-    count = len(outline)
-    bottom = np.array([(x, y, low) for x, y in outline])
-    top = np.array([(x, y, high) for x, y in outline])
-    faces = []
-    for k in range(1, count - 1):
-        faces.append((bottom[0], bottom[k + 1], bottom[k]))
-        faces.append((top[0], top[k], top[k + 1]))
-    for k in range(count):
-        after = (k + 1) % count
-        faces.append((bottom[k], bottom[after], top[after]))
-        faces.append((bottom[k], top[after], top[k]))
-    return np.array(faces)
+def rounded(outline: Sequence[tuple[float, float]], low: float, high: float) -> Array:
+    """Triangles (n, 3, 3) of a convex outline in x and y between two z, its edges rounded.
 
-
-def turned(triangles: Array, axes: tuple[int, int, int]) -> Array:
-    """The same body with its axes in another order, which must be an even one."""
-    return triangles[..., axes]
+    The hull of a ball that stands, in turn, in every corner of the body, inside by its radius.
+    """
+    corners = np.array(outline)
+    edges = np.roll(corners, -1, axis=0) - corners
+    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    # Every side moved in by the radius; a side that is too short for it vanishes.
+    offsets = ROUNDING_M - np.einsum('ij,ij->i', normals, corners)
+    halves = np.column_stack([normals, offsets])
+    inner = HalfspaceIntersection(halves, corners.mean(axis=0)).intersections
+    latitude = np.linspace(-0.5 * np.pi, 0.5 * np.pi, RINGS)
+    longitude = 2.0 * np.pi * np.arange(AROUND) / AROUND
+    ball = ROUNDING_M * np.array(
+        [
+            (np.cos(a) * np.cos(b), np.cos(a) * np.sin(b), np.sin(a))
+            for a in latitude
+            for b in longitude
+        ]
+    )
+    centres = [(x, y, z) for x, y in inner for z in (low + ROUNDING_M, high - ROUNDING_M)]
+    points = (np.array(centres)[:, None] + ball).reshape(-1, 3)
+    hull = ConvexHull(points)
+    triangles = points[hull.simplices]
+    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    turned = np.einsum('ij,ij->i', across, hull.equations[:, :3]) < 0.0
+    triangles[turned] = triangles[turned][:, ::-1]
+    return np.asarray(triangles[np.linalg.norm(across, axis=1) > 1e-14])
 
 
 def disc(radius: float) -> list[tuple[float, float]]:
@@ -61,10 +78,10 @@ def bodies() -> dict[str, Array]:
     ]  # fmt: skip
     knuckle = [(-0.014, -0.014), (0.060, -0.014), (0.064, 0.0), (0.060, 0.014), (-0.014, 0.014)]
     return {
-        'palm': prism(disc(0.045), 0.0, 0.0725),
-        'knuckle': prism(knuckle, -0.011, 0.011),
-        'inner_link': prism(inner, -0.010, 0.010),
-        'outer_link': prism(outer, -0.0085, 0.0085),
+        'palm': rounded(disc(0.045), 0.0, 0.0725),
+        'knuckle': rounded(knuckle, -0.011, 0.011),
+        'inner_link': rounded(inner, -0.010, 0.010),
+        'outer_link': rounded(outer, -0.0085, 0.0085),
     }
 
 
@@ -72,9 +89,7 @@ def stl(triangles: Array) -> bytes:
     """A binary STL file."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    rows = np.zeros(
-        len(triangles), [('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('unused', '<u2')]
-    )
+    rows = np.zeros(len(triangles), STL_ROW)
     rows['normal'], rows['corners'] = normals, triangles
     return bytes(80) + np.uint32(len(triangles)).tobytes() + rows.tobytes()
 

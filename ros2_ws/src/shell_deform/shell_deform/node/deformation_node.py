@@ -427,7 +427,7 @@ class DeformationNode(Node):
             self.watch.state, self.figures, self.link, self.estimator,
             self.served, learned, self.failure, self._unusable,
         )  # fmt: skip
-        chosen = {name: self.get_parameter(name).value for name in ('object', 'drive')}
+        chosen = {name: self.get_parameter(name).value for name in ('object', 'theory', 'drive')}
         values = {**chosen, **diagnosis.values(condition, time.monotonic())}
         self._topics.diagnostics(*diagnosis.judge(condition), values)
 

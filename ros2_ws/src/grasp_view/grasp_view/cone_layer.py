@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The friction cones of the touching contacts."""
+
+from __future__ import annotations
+
+import viser
+
+from .layer import SCALE, Memory, hide
+from .scene_model import Snapshot, friction_cones
+from .view_options import ViewOptions
+from .visitors import Visitors
+
+LENGTH_M = 0.02
+
+
+class ConeLayer:
+    """Cones of the chosen coefficient, along the contacts' normals."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._scene = server.scene
+        self._cones: viser.LineSegmentsHandle | None = None
+        self._memory = Memory()
+
+    def draw(self, snapshot: Snapshot, options: ViewOptions, visitors: Visitors) -> None:
+        """Bring the browsers up to date."""
+        if not options.cones:
+            hide(self._cones)
+            self._memory.forget()
+            return
+        if not self._memory.changed(snapshot.contacts, snapshot.frame, options.friction):
+            return
+        segments = friction_cones(snapshot, options.friction, LENGTH_M) * SCALE
+        if self._cones is not None:
+            self._cones.remove()
+            self._cones = None
+        if len(segments):
+            self._cones = self._scene.add_line_segments(
+                '/cones', segments, colors=(60, 60, 60), thickness=0.004
+            )

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who looks at the page: each browser's window, its camera, and whether it wants it dark."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import viser
+
+from .own_server import OwnServer
+from .palette import DARK, LIGHT, Palette
+from .poses import Floats
+
+MAIN_PANEL = 352
+# Below the first width the diagrams start folded away; below the second the panels are a sheet
+# from below, and the scene is what it leaves free.
+NARROW, PHONE = 1000, 600
+SHEET_SHARE = 0.46
+# The height of the strip of diagrams below the scene, with its margin.
+STRIP = 212
+# What `page.js` says when the browser, or the visitor, wants it dark.
+DARK_COOKIE = 'grasp_theme=dark'
+
+
+@dataclass(frozen=True)
+class Window:
+    """A browser's window in pixels, as it was before any panel took a side of it."""
+
+    width: int
+    height: int
+
+    @property
+    def narrow(self) -> bool:
+        """Whether there is no room for the diagrams below the scene."""
+        return self.width < NARROW
+
+    @property
+    def phone(self) -> bool:
+        """Whether the panels are a sheet from below."""
+        return self.width < PHONE
+
+    @property
+    def scene(self) -> tuple[int, int]:
+        """Width and height of what the panels leave to the scene."""
+        if self.phone:
+            return self.width, round(self.height * (1.0 - SHEET_SHARE))
+        strip = 0 if self.narrow else STRIP
+        return max(self.width - MAIN_PANEL, 100), max(self.height - strip, 100)
+
+    @property
+    def covered(self) -> float:
+        """The share of the picture's height, from below, that panels lie over."""
+        return 1.0 - self.scene[1] / max(self.height, 1)
+
+
+@dataclass
+class Visitor:
+    """One browser."""
+
+    client: viser.ClientHandle
+    window: Window
+    dark: bool = False
+
+    @property
+    def palette(self) -> Palette:
+        """Its colours."""
+        return DARK if self.dark else LIGHT
+
+    @property
+    def axes(self) -> tuple[Floats, Floats, Floats]:
+        """Unit vectors of its camera: to the right, up, and to where it looks."""
+        camera = self.client.camera
+        ahead = np.asarray(camera.look_at) - np.asarray(camera.position)
+        ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
+        right = np.cross(ahead, np.asarray(camera.up_direction))
+        right = right / max(float(np.linalg.norm(right)), 1e-9)
+        return right, np.cross(right, ahead), ahead
+
+    def dress(self) -> None:
+        """Theme and background as it wants them."""
+        self.client.gui.configure_theme(
+            control_layout='floating',
+            control_width='medium',
+            dark_mode=self.dark,
+            show_logo=False,
+            show_share_button=False,
+            brand_color=(0, 90, 156),
+        )
+        self.client.scene.set_background_image(self.palette.background(), format='png')
+
+
+class Visitors:
+    """All browsers now there, by number."""
+
+    def __init__(self, server: OwnServer) -> None:
+        self.all: dict[int, Visitor] = {}
+
+        @server.on_client_connect
+        async def _(client: viser.ClientHandle) -> None:
+            camera = client.camera
+            window = Window(camera.image_width, camera.image_height)
+            visitor = Visitor(client, window, DARK_COOKIE in server.cookies(client))
+            client.gui.main_panel.dock_right()
+            client.gui.main_panel.set_width(MAIN_PANEL)
+            visitor.dress()
+            self.all[client.client_id] = visitor
+
+        @server.on_client_disconnect
+        async def _(client: viser.ClientHandle) -> None:
+            self.all.pop(client.client_id, None)
+
+    def __iter__(self) -> Iterator[Visitor]:
+        """Every browser, whoever comes or goes meanwhile."""
+        return iter(tuple(self.all.values()))

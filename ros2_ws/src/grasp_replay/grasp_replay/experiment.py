@@ -137,6 +137,28 @@ class _Reader:
         )
 
 
+def published_source(path: Path, object_name: str) -> dict[str, str]:
+    """Authors, year, title, place of a published table, and the modulus it prints for an object.
+
+    As its file says. Raises BagError.
+    """
+    try:
+        document = bounded_yaml.load(path.read_text())
+        source = {str(key): str(value) for key, value in document.get('source', {}).items()}
+        young = (document.get(object_name) or {}).get('young_modulus_pa')
+        printed = {} if young is None else {'modulus': f'E {float(young) / 1e6:g} MPa as printed'}
+        return {**source, **printed}
+    except (
+        OSError,
+        UnicodeDecodeError,
+        yaml.YAMLError,
+        AttributeError,
+        TypeError,
+        ValueError,
+    ) as error:
+        raise BagError(f'{path}: the published table cannot be read ({error})') from error
+
+
 def read_published(path: Path, object_name: str) -> list[dict[str, float]]:
     """The rows of a published table for one object; empty without them. Raises BagError."""
     try:

@@ -16,6 +16,7 @@ from typing import Any
 
 from grasp_replay import scenes
 from grasp_replay.errors import BagError
+from grasp_replay.experiment import published_source
 from grasp_replay.pipeline import Outcome, PipelineOptions, run
 from grasp_replay.published import published_predictions, published_table
 from grasp_replay.report import ReportError, write_report
@@ -74,7 +75,8 @@ def make_report(
             write_file(part / SAMPLES, trace_csv(trace))
         if extent.page:
             watch(0.75, 'report page')
-            _page(outcome, results, published, trace, part, watch.seconds)
+            source = {} if table is None or not published else published_source(table, name)
+            _page(outcome, results, published, trace, part, watch.seconds, source)
         write_file(part / RESULTS, json_text(results))
         _move(part, out)
     except OSError as error:
@@ -108,6 +110,7 @@ def _page(
     trace: SampleTrace | None,
     folder: Path,
     timings: dict[str, float],
+    source: dict[str, str],
 ) -> None:
     drawn, curves = scenes.scenes(outcome), scenes.curves(outcome, published)
     numbers = {scene.key for scene in drawn}
@@ -119,6 +122,7 @@ def _page(
             folder,
             provenance(outcome, results),
             published=scenes.published_rows(published, outcome.shell.shell.name),
+            published_in=source,
             curves=curves,
             linearity=None if trace is None else scenes.linearity(trace),
             timings=timings,
@@ -154,7 +158,7 @@ def provenance(outcome: Outcome, results: dict[str, Any]) -> dict[str, Any]:
         },
         'errors': {
             'surface': results['face'],
-            'max': 'maximum of the local mean over discs of 2 mm with at least 50 points',
+            'largest mean over a disc of 2 mm': 'of discs with at least 50 points',
         },
     }
     found['versions'] = {

@@ -184,6 +184,7 @@ def _curve(name: str, kind: Kind, values: list[Any]) -> Curve:
 
 def published_rows(published: list[dict[str, Any]], name: str) -> list[PublishedRow]:
     """The published table as the report shows it, with our predictions for its forces."""
+    own = linear_own_modulus(published)
     return [
         PublishedRow(
             object_name=name,
@@ -191,14 +192,38 @@ def published_rows(published: list[dict[str, Any]], name: str) -> list[Published
             max_displacement_m=float(row['measured_max_displacement_m']),
             nonlinear_error_m=float(row['nonlinear_mean_error_m']),
             linear_error_m=float(row['linear_mean_error_m']),
-            predicted_m={
-                theory: value
-                for theory, value in row['predicted_max_displacement_m'].items()
-                if value is not None
-            },
+            predicted_m=models_of(row, own),
         )
         for row in published
     ]
+
+
+def linear_own_modulus(published: list[dict[str, Any]]) -> float | None:
+    """The modulus [Pa] with which linear theory has the published displacement of the first row.
+
+    Its displacements go with the inverse of its modulus.
+    """
+    if not published or published[0]['predicted_max_displacement_m'].get('linear') is None:
+        return None
+    first = min(published, key=lambda row: row['force_n'])
+    predicted = first['predicted_max_displacement_m']['linear']
+    measured = first['measured_max_displacement_m']
+    return float(first['young_modulus_pa'] * predicted / measured) if measured else None
+
+
+def models_of(row: dict[str, Any], linear_own_pa: float | None) -> dict[str, float]:
+    """Displacements [m] that each model predicts for a published force; a model names its E."""
+    young = float(row['young_modulus_pa'])
+    found = {
+        f'{theory}, E {young / 1e6:.2f} MPa': value
+        for theory, value in row['predicted_max_displacement_m'].items()
+        if value is not None
+    }
+    linear = row['predicted_max_displacement_m'].get('linear')
+    if linear is not None and linear_own_pa is not None:
+        own = f'linear with its own E {linear_own_pa / 1e6:.2f} MPa, from row 1'
+        found[own] = linear * young / linear_own_pa
+    return found
 
 
 def linearity(trace: SampleTrace) -> LinearityTrace:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From errors at scan points to a colour per vertex, on one scale for the whole report."""
+"""From errors at scan points to a colour per vertex, each theory on a scale of its own."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -22,18 +23,29 @@ def nice_ceiling(value: float) -> float:
     return float(10.0 * power)
 
 
-def error_scale(scenes: Sequence[RowScene]) -> float:
-    """The one upper end (m) of the error colours: above 95 % of the errors of every surface.
+@dataclass(frozen=True)
+class ErrorScales:
+    """Upper ends (m) of the error colours of the two theories, for all rows of a report."""
 
-    The few larger ones would hide all the others; the colour bar says that it is open upwards.
+    nonlinear: float
+    linear: float
+
+
+def error_scales(scenes: Sequence[RowScene]) -> ErrorScales:
+    """For each theory a round number above 95 % of its errors in every row.
+
+    On the linear theory's scale the residual of the nonlinear one would be one dark colour. The
+    few larger errors would hide all the others; the colour bar says that it is open upwards.
     """
-    ends = [
-        float(np.percentile(np.abs(errors), 95.0))
-        for scene in scenes
-        for errors in (scene.nonlinear_error, scene.linear_error)
-        if len(errors)
-    ]
-    return nice_ceiling(max(ends, default=0.0) * 1e3) * 1e-3
+
+    def end(of_rows: Sequence[Floats]) -> float:
+        ends = [float(np.percentile(np.abs(errors), 95.0)) for errors in of_rows if len(errors)]
+        return nice_ceiling(max(ends, default=0.0) * 1e3) * 1e-3
+
+    return ErrorScales(
+        end([scene.nonlinear_error for scene in scenes]),
+        end([scene.linear_error for scene in scenes]),
+    )
 
 
 def vertex_errors(vertices: Floats, points: Floats, errors: Floats, radius: float) -> Floats:

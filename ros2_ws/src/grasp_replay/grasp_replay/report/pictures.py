@@ -31,8 +31,8 @@ from .camera import (
     painter_order,
     visible_points,
 )
-from .errors import nice_ceiling, scan_displacement, seen_radius, vertex_errors
-from .scene import Curve, Floats, Kind, LinearityTrace, RowScene, thinned
+from .errors import ErrorScales, nice_ceiling, scan_displacement, seen_radius, vertex_errors
+from .scene import Curve, ErrorLine, Floats, Kind, LinearityTrace, RowScene, thinned
 from .section import dent_section, level_lines
 
 NOT_SEEN = (0.80, 0.80, 0.80, 1.0)
@@ -157,44 +157,43 @@ def _arrows(axes: Axes, camera: Camera, scene: RowScene, length: float) -> None:
         )
 
 
-def triptych(scene: RowScene, error_top_m: float) -> Figure:
-    """Scan, nonlinear, linear from one camera; the error in colour, one scale 0..error_top_m."""
+def triptych(scene: RowScene, tops: ErrorScales) -> Figure:
+    """Scan, nonlinear, linear from one camera; the error in colour, each theory's own scale."""
     camera = dent_camera(scene)
     figure = _figure(11.0, 4.35)
-    scale = Normalize(0.0, error_top_m * MILLI, clip=True)
     flat, _ = camera.project(np.concatenate([scene.rest, scene.nonlinear, scene.linear]))
     reach = 1.10 * float(np.abs(flat).max()) * MILLI
     radius = seen_radius(scene)
-    panels = [figure.add_axes((0.005 + 0.305 * k, 0.02, 0.30, 0.84)) for k in range(3)]
+    panels = [figure.add_axes((0.005 + 0.333 * k, 0.10, 0.325, 0.77)) for k in range(3)]
     headings = ['scan', 'nonlinear', 'linear']
     for axes, heading in zip(panels, headings, strict=True):
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect='equal')
         axes.set_axis_off()
         axes.set_title(heading, fontsize=12)
     _scan(figure, panels[0], camera, scene)
-    for axes, vertices, errors in (
-        (panels[1], scene.nonlinear, scene.nonlinear_error),
-        (panels[2], scene.linear, scene.linear_error),
+    for axes, vertices, errors, top_m in (
+        (panels[1], scene.nonlinear, scene.nonlinear_error, tops.nonlinear),
+        (panels[2], scene.linear, scene.linear_error, tops.linear),
     ):
+        scale = Normalize(0.0, top_m * MILLI, clip=True)
         values = vertex_errors(vertices, scene.scan_points, errors, radius)
         _surface(axes, camera, scene, vertices, values * MILLI, scale)
         mean = float(np.abs(errors).mean()) * MILLI if len(errors) else float('nan')
-        axes.text(
-            0.5, 0.0, f'mean {mean:.2f} mm', transform=axes.transAxes, ha='center', fontsize=11
+        axes.set_title(f'{axes.get_title()}, mean error {mean:.2f} mm', fontsize=12)
+        bar = figure.colorbar(
+            ScalarMappable(scale, 'cividis'),
+            cax=axes.inset_axes((0.2, -0.03, 0.6, 0.03)),
+            orientation='horizontal',
+            extend='max',
         )
+        bar.ax.tick_params(labelsize=8, pad=1)
+        bar.set_label('|distance scan to surface| (mm), scale of this theory', fontsize=8)
     for axes in panels:
         _arrows(axes, camera, scene, 0.28 * reach / MILLI)
-    bar = figure.colorbar(
-        ScalarMappable(scale, 'cividis'),
-        cax=figure.add_axes((0.93, 0.12, 0.014, 0.66)),
-        extend='max',
-    )
-    bar.set_label('|distance scan to surface| (mm)')
     figure.text(
-        0.99,
+        0.005,
         0.015,
         f'grey: not seen; lines: displacement every {_line_step(scene) * MILLI:g} mm',
-        ha='right',
         fontsize=8,
     )
     figure.suptitle(f'{scene.title}  ({scene.kind})', fontsize=12, y=0.985)
@@ -224,11 +223,11 @@ def _scan(figure: Figure, axes: Axes, camera: Camera, scene: RowScene) -> None:
         linewidths=0,
     )
     bar = figure.colorbar(
-        drawn, cax=axes.inset_axes((0.3, 0.005, 0.4, 0.03)), orientation='horizontal'
+        drawn, cax=axes.inset_axes((0.3, -0.03, 0.4, 0.03)), orientation='horizontal'
     )
     bar.ax.set_xlim(0.0, top)
     bar.ax.tick_params(labelsize=7, pad=1)
-    axes.text(0.28, 0.0, 'dent (mm)', transform=axes.transAxes, fontsize=8, ha='right')
+    axes.text(0.28, -0.03, 'dent (mm)', transform=axes.transAxes, fontsize=8, ha='right')
 
 
 def profile(scene: RowScene) -> Figure:
@@ -308,6 +307,29 @@ def force_displacement(curves: Sequence[Curve]) -> Figure:
     axes.grid(alpha=0.3)
     if curves:
         axes.legend(fontsize=8)
+    return figure
+
+
+def mean_errors(lines: Sequence[ErrorLine]) -> Figure:
+    """Mean error of scan to surface over the force: the published ones and ours."""
+    figure = _figure(8.0, 3.8)
+    axes = figure.add_axes((0.09, 0.14, 0.89, 0.82))
+    for line in lines:
+        colour, style = THEORY_LINES.get(line.theory, ('black', (0, (1, 1))))
+        published = line.kind == 'published'
+        axes.plot(
+            line.force_n,
+            line.error_m * MILLI,
+            color=colour,
+            linestyle=(0, (1, 3)) if published else style,
+            marker=MARKERS[line.kind],
+            markerfacecolor=colour if published else 'white',
+            label=f'{line.name} ({line.kind})',
+        )
+    axes.set(xlabel='force per contact (N)', ylabel='mean distance scan to surface (mm)')
+    axes.set_ylim(bottom=0)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
     return figure
 
 

@@ -169,6 +169,20 @@ class Curve:
 
 
 @dataclass(frozen=True)
+class ErrorLine:
+    """Mean errors (n,) m over forces (n,) N of one theory, published or ours.
+
+    theory: koiter, paper, linear or another, for the colour; name: what the legend calls it.
+    """
+
+    name: str
+    theory: str
+    kind: Kind
+    force_n: Floats
+    error_m: Floats
+
+
+@dataclass(frozen=True)
 class LinearityTrace:
     """The gauge of the transition over the recording.
 
@@ -198,8 +212,8 @@ class LinearityTrace:
 class PublishedRow:
     """One row of the paper's Table I, and what we predict for its published force.
 
-    Errors in m; `predicted_m`: displacement by name of the prediction (e.g. `koiter, E from
-    row 1`), in m.
+    Errors in m; `predicted_m`: displacement by model, in m; a model is a theory and its modulus
+    (e.g. `koiter, E 12.75 MPa`).
     """
 
     object_name: str

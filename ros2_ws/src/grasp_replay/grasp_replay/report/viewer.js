@@ -139,7 +139,7 @@
       g.enable(g.DEPTH_TEST);
       const b = this.buffers, d = this.data;
       const shape = this.value('surface'), group = this.value('colour');
-      const top = group === 'error' ? d.errorTop : d.displacementTop;
+      const top = group === 'error' ? d.errorTop[shape] : d.displacementTop;
       this.legend.querySelector('.top').textContent = (top * 1e3).toFixed(2) + ' mm';
       g.uniformMatrix3fv(U.turn, false, this.turn);
       g.uniform3fv(U.centre, d.centre);

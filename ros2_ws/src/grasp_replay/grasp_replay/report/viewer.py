@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib import colormaps
 
 from .camera import dent_camera
-from .errors import seen_radius, vertex_errors
+from .errors import ErrorScales, seen_radius, vertex_errors
 from .scene import Floats, RowScene, thinned
 
 NOT_SEEN = 255
@@ -45,7 +45,7 @@ def displacement_top(scene: RowScene) -> float:
     return max(float(np.max(values)) for values in moved) or 1e-6
 
 
-def pack(scene: RowScene, error_top_m: float) -> dict[str, Any]:
+def pack(scene: RowScene, tops: ErrorScales) -> dict[str, Any]:
     """One row as a JSON-ready dictionary; `viewer.js` is its only reader."""
     points = thinned(scene.scan_points, SCAN_POINTS)
     shapes = {'rest': scene.rest, 'nonlinear': scene.nonlinear, 'linear': scene.linear}
@@ -64,18 +64,18 @@ def pack(scene: RowScene, error_top_m: float) -> dict[str, Any]:
     return {
         'key': scene.key,
         'size': size,
-        'errorTop': error_top_m,
+        'errorTop': {'nonlinear': tops.nonlinear, 'linear': tops.linear},
         'displacementTop': top,
         'index': 2 if index == '<u2' else 4,
         'triangles': _text(corners.astype(index)),
         'shapes': {name: place(shape) for name, shape in shapes.items()},
         'error': {
             name: _text(
-                _steps(vertex_errors(shapes[name], scene.scan_points, errors, radius), error_top_m)
+                _steps(vertex_errors(shapes[name], scene.scan_points, errors, radius), top_m)
             )
-            for name, errors in (
-                ('nonlinear', scene.nonlinear_error),
-                ('linear', scene.linear_error),
+            for name, errors, top_m in (
+                ('nonlinear', scene.nonlinear_error, tops.nonlinear),
+                ('linear', scene.linear_error, tops.linear),
             )
         },
         'displacement': {

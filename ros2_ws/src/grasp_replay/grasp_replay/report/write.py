@@ -17,17 +17,28 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from . import pictures
-from .errors import error_scale
-from .scene import Curve, Floats, LinearityTrace, PublishedRow, ReportError, RowScene, Section
+from .errors import error_scales
+from .scene import (
+    Curve,
+    ErrorLine,
+    Floats,
+    LinearityTrace,
+    PublishedRow,
+    ReportError,
+    RowScene,
+    Section,
+)
 from .viewer import colour_table, pack
 
 NEWTON_PER_LBF = 4.4482216152605
 SAME_FORCE = 0.01
+REFERENCE = ('authors', 'year', 'title', 'published', 'place', 'doi', 'modulus')
 STATISTICS = {
     'mean': 'mean_error_m',
     'RMS': 'rms_error_m',
     'p95': 'p95_error_m',
-    'max': 'max_error_m',
+    'largest mean over a disc of 2 mm': 'max_error_m',
+    'largest single point': 'raw_max_error_m',
     'dent mean': 'dent_mean_error_m',
     'max displacement': 'max_displacement_m',
 }
@@ -54,7 +65,6 @@ def _table(
     rows: Sequence[Mapping[str, Any]],
     theories: Sequence[str],
     published: Sequence[PublishedRow],
-    predictions: Sequence[str],
 ) -> Iterator[dict[str, Any]]:
     left = list(published)
     for row in rows:
@@ -66,7 +76,7 @@ def _table(
         yield {
             'order': force,
             'newton': f'{force:.2f}',
-            **_published_cells(match, predictions),
+            'published': _published_cells(match),
             'measured': _measured(row),
             'errors': [_milli(value, 3) for value in errors],
             'best': _unbeaten(errors, _floor(row)),
@@ -76,7 +86,7 @@ def _table(
         yield {
             'order': match.force_lbf * NEWTON_PER_LBF,
             'newton': '–',
-            **_published_cells(match, predictions),
+            'published': _published_cells(match),
             'measured': '–',
             'errors': ['–'] * len(theories),
             'best': set(),
@@ -97,18 +107,65 @@ def _unbeaten(errors: Sequence[float | None], floor: float) -> set[int]:
     return found if len(found) < len(known) else set()
 
 
-def _published_cells(row: PublishedRow | None, predictions: Sequence[str]) -> dict[str, list[str]]:
+def _published_cells(row: PublishedRow | None) -> list[str]:
     if row is None:
-        return {'published': ['–'] * 4, 'predicted': ['–'] * len(predictions)}
-    return {
-        'published': [
-            f'{row.force_lbf:.2f}',
-            _milli(row.max_displacement_m),
-            _milli(row.nonlinear_error_m),
-            _milli(row.linear_error_m),
-        ],
-        'predicted': [_milli(row.predicted_m.get(name)) for name in predictions],
-    }
+        return ['–'] * 4
+    return [
+        f'{row.force_lbf:.2f}',
+        _milli(row.max_displacement_m),
+        _milli(row.nonlinear_error_m),
+        _milli(row.linear_error_m),
+    ]
+
+
+def _models(
+    published: Sequence[PublishedRow], predictions: Sequence[str]
+) -> Iterator[tuple[str, list[str]]]:
+    """Each model's displacements for the published forces, and how far each is off."""
+    rows = sorted(published, key=lambda row: row.force_lbf)
+    for name in predictions:
+        cells = []
+        for row in rows:
+            value = row.predicted_m.get(name)
+            cells.append('–' if value is None else _beside(value, row.max_displacement_m))
+        yield name, cells
+
+
+def _beside(value: float, measured: float) -> str:
+    """A displacement, and how far it is off in whole percent (no minus before 0)."""
+    return f'{_milli(value)} ({round(100 * (value / measured - 1)):+d} %)'
+
+
+def _modulus(results: Mapping[str, Any]) -> str:
+    value = results.get('young_modulus_pa')
+    return '' if value is None else f'E {value / 1e6:.2f} MPa'
+
+
+def _error_plot(
+    rows: Sequence[Mapping[str, Any]],
+    theories: Sequence[str],
+    published: Sequence[PublishedRow],
+    kind: Any,
+) -> Markup:
+    """Published mean errors beside ours; empty without any of ours."""
+    lines = []
+    if published:
+        force = np.array([row.force_lbf * NEWTON_PER_LBF for row in published])
+        for name, theory, values in (
+            ('nonlinear, Table I', 'koiter', [row.nonlinear_error_m for row in published]),
+            ('linear, Table I', 'linear', [row.linear_error_m for row in published]),
+        ):
+            lines.append(ErrorLine(name, theory, 'published', force, np.array(values)))
+    ours = [(row, row['theories']) for row in rows]
+    for name in theories:
+        known = [(float(row['force_n']), found[name]) for row, found in ours if name in found]
+        pairs = np.array([(force, found['mean_error_m']) for force, found in known])
+        lines.append(ErrorLine(name, name, kind, pairs[:, 0], pairs[:, 1]))
+    floors = [(float(row['force_n']), row.get('noise_floor_m')) for row in rows]
+    floor = np.array([pair for pair in floors if pair[1] is not None]).reshape(-1, 2)
+    if len(floor):
+        lines.append(ErrorLine('noise floor', 'floor', kind, floor[:, 0], floor[:, 1]))
+    return Markup(pictures.svg(pictures.mean_errors(lines))) if theories else Markup('')
 
 
 def _detail(
@@ -161,6 +218,7 @@ def write_report(
     provenance: Mapping[str, Any],
     *,
     published: Sequence[PublishedRow] = (),
+    published_in: Mapping[str, Any] | None = None,
     curves: Sequence[Curve] = (),
     linearity: LinearityTrace | None = None,
     timings: Mapping[str, float] | None = None,
@@ -171,7 +229,8 @@ def write_report(
 
     results: the document of `results.json`; its `rows` go with `scenes`, in order (a row without
     shapes is allowed when `scenes` is empty). provenance: names to values, one level of groups;
-    a key `synthetic` is shown at the top. published: the paper's rows, kept apart from ours.
+    a key `synthetic` is shown at the top. published: the paper's rows, kept apart from ours;
+    published_in: what is known of the paper, of the names in `REFERENCE`.
     curves: force over displacement; by default those of the results. timings: seconds by name.
     bands: what the bands and bars of the curves mean, in a sentence.
     sections: parts that other modules wrote, shown after the table.
@@ -188,18 +247,23 @@ def write_report(
     theories = list(dict.fromkeys(name for row in rows for name in row['theories']))
     predictions = list(dict.fromkeys(name for row in published for name in row.predicted_m))
     kind = scenes[0].kind if scenes else 'measured'
-    top = error_scale(scenes)
-    drawn = {scene.key: pictures.png(pictures.triptych(scene, top)) for scene in scenes}
+    tops = error_scales(scenes)
+    drawn = {scene.key: pictures.png(pictures.triptych(scene, tops)) for scene in scenes}
     here = files(__package__)
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     page = environment.from_string((here / 'page.html').read_text()).render(
         title=f'Grasped shell: {provenance.get("title", provenance.get("object", "report"))}',
         synthetic=provenance.get('synthetic', ''),
         published=bool(published),
-        predictions=predictions,
+        models=list(_models(published, predictions)),
+        published_rows=sorted(published, key=lambda row: row.force_lbf),
+        reference={**dict.fromkeys(REFERENCE, ''), **published_in} if published_in else {},
+        modulus=_modulus(results),
+        error_plot=_error_plot(rows, theories, published, kind),
+        lbf=NEWTON_PER_LBF,
         theories=theories,
         kind=kind,
-        table=sorted(_table(rows, theories, published, predictions), key=lambda row: row['order']),
+        table=sorted(_table(rows, theories, published), key=lambda row: row['order']),
         verdicts=[
             (f'{float(row["force_n"]):.2f} N', row['verdict'])
             for row in rows
@@ -230,7 +294,7 @@ def write_report(
         provenance=list(_grouped(provenance)),
         gradient=Markup(_gradient()),
         css=Markup((here / 'page.css').read_text()),
-        packed=Markup(json.dumps([pack(scene, top) for scene in scenes])),
+        packed=Markup(json.dumps([pack(scene, tops) for scene in scenes])),
         colours=colour_table(),
         script=Markup((here / 'viewer.js').read_text()),
     )

@@ -9,11 +9,18 @@ import sys
 import pytest
 
 HEAVY = ('numba', 'scipy', 'rclpy', 'matplotlib', 'trimesh', 'viser', 'rosbags')
-# These need what they show: the problems, the bag's options, the faults of the emulator.
+# The others need what they show: the bag's options, the faults of the emulator.
 LIGHT = {
     'barrett_hand_bridge.programs': ('hand_bridge', 'hand_calibrate'),
     'shell_deform.commands.programs': (
-        *('deformation', 'shell_solve', 'shell_objects', 'shell_identify', 'object_prepare'),
+        *(
+            'deformation',
+            'shell_solve',
+            'shell_objects',
+            'shell_identify',
+            'object_prepare',
+            'shell_verify',
+        ),
     ),
     'scan_compare.programs': ('scan_compare', 'scan_error'),
     'grasp_replay.programs': ('grasp_report',),

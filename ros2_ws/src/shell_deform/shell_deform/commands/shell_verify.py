@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from grasp_common.command_line import parse
 from grasp_common.terminal import print_table, tracked
-from shell_deform.commands import solid_check
 from shell_deform.commands.console import CommandError, print_json, run
+<<<<<<< HEAD
 from shell_deform.verification import (
     closed_forms,
     friction,
@@ -27,9 +29,13 @@ from shell_deform.verification import (
 from shell_deform.verification.experiments import EXPERIMENTS
 from shell_deform.verification.problem import Verified
 from shell_deform.verification.reference_table import reference_table
+=======
+>>>>>>> e391532 (wip3)
 
-Problems = Callable[[], Iterator[Verified]]
+if TYPE_CHECKING:
+    from shell_deform.verification.problem import Verified
 
+<<<<<<< HEAD
 GROUPS: dict[str, Problems] = {
     'closed': closed_forms.problems,
     'linear': linear_course.problems,
@@ -40,6 +46,18 @@ GROUPS: dict[str, Problems] = {
     'friction': friction.problems,
     'thick': thick_balls.problems,
     'turn': tubes.problems,
+=======
+# The module of `verification` whose `problems()` a group is; a usage text imports none of them.
+GROUPS = {
+    'closed': 'closed_forms',
+    'linear': 'linear_course',
+    'sze': 'sze',
+    'snap': 'snap',
+    'spheres': 'spheres',
+    'plates': 'plates',
+    'friction': 'friction',
+    'thick': 'thick_balls',
+>>>>>>> e391532 (wip3)
 }
 
 
@@ -85,6 +103,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _experiments(options: argparse.Namespace) -> None:
+    from shell_deform.verification.experiments import EXPERIMENTS
+
     found = [row for group in tracked(EXPERIMENTS, 'experiments') for row in group()]
     if options.json:
         print_json({'experiments': [row.as_dict() for row in found]})
@@ -110,6 +130,8 @@ def _experiments(options: argparse.Namespace) -> None:
 
 
 def _references(options: argparse.Namespace) -> None:
+    from shell_deform.verification.reference_table import reference_table
+
     table = reference_table()
     if options.json:
         print_json({'references': [row.as_dict() for row in table]})
@@ -131,6 +153,9 @@ def _references(options: argparse.Namespace) -> None:
 
 
 def _solid(options: argparse.Namespace) -> None:
+    from shell_deform.commands import solid_check
+    from shell_deform.verification import solid
+
     found = [solid.compare(ratio) for ratio in tracked(solid.ratios(), 'spheres')]
     results = [row for sphere in found for row in solid.verified(sphere)]
     if options.plot:
@@ -146,7 +171,8 @@ def _solid(options: argparse.Namespace) -> None:
 def _verify(options: argparse.Namespace) -> None:
     results: list[Verified] = []
     for group in tracked(options.group or list(GROUPS), 'reference problems'):
-        results.extend(GROUPS[group]())
+        module = import_module(f'shell_deform.verification.{GROUPS[group]}')
+        results.extend(module.problems())
     if options.json:
         print_json({'problems': [result.as_dict() for result in results]})
     else:

@@ -48,7 +48,7 @@ def hit(
     first, second = b - a, c - a
     across = np.cross(direction, second)
     size = np.einsum('ij,ij->i', first, across)
-    with np.errstate(divide='ignore', invalid='ignore'):
+    with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
         inverse = 1.0 / size
         away = origin - a
         u = np.einsum('ij,ij->i', away, across) * inverse

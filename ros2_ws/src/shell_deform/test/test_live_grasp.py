@@ -61,6 +61,30 @@ def test_the_worst_direction_is_found_at_once_and_kept_up_to_date(pipeline):
     assert column(first, 'worst_capacity')[-1] <= column(first, 'gravity_capacity')[-1] + 1e-4
 
 
+def test_what_is_kept_between_samples_is_what_a_new_tick_finds(pipeline):
+    """Closure is kept as long as its equilibrium, the task and the pressing fingers are."""
+    tick = GraspTick()
+    pipeline.settle(opposed(2e-3), rounds=3)
+    tick.task = GraspTask(friction=0.4, mass=0.058)
+    for stamp, (depth, friction) in enumerate(
+        [(3e-3, 0.4), (3e-3, 0.2), (5e-3, 0.2), (1e-3, 0.3)]
+    ):
+        tick.task = replace(tick.task, friction=friction)
+        pipeline.settle(opposed(depth, stamp + 2), rounds=3)
+        for _ in range(60):
+            rows = tick.rows(pipeline.estimator)
+        anew = GraspTick()
+        anew.task = tick.task
+        np.testing.assert_allclose(rows, anew.rows(pipeline.estimator), rtol=1e-4, atol=1e-6)
+
+
+def test_a_grasp_that_needs_no_friction_says_so_within_the_sigma_of_its_normals(pipeline):
+    pipeline.settle(opposed(4e-3), rounds=3)
+    rows = GraspTick().rows(pipeline.estimator)
+    assert column(rows, 'needed_friction')[-1] < 0.01
+    assert 0.0 < column(rows, 'needed_friction_sigma')[-1] < 0.1
+
+
 def test_nothing_in_the_hand_is_no_grasp_and_no_nan(sphere):
     model = sphere(R, H, subdivisions=2, young=12.75e6)
     hand = live_hand.pipeline(model, SURE)

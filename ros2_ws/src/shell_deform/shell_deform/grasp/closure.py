@@ -109,7 +109,9 @@ def _closure(grasp: GraspContacts, guess: float | None) -> Closure:
     needed, squeeze, multipliers, slope = found
     if not why and needed >= 1.0:
         why = 'a balanced squeeze needs more friction than there is'
-    by_point, by_normal = _sensitivity(grasp, slope, squeeze, multipliers, size)
+    by_point, by_normal = nothing, nothing
+    if needed > SMALLEST_SHARE:
+        by_point, by_normal = _sensitivity(grasp, slope, squeeze, multipliers, size)
     forces = squeeze.copy()
     forces[:, 1:] *= grasp.friction[:, None]
     return Closure(not why, why, needed, forces, by_point, by_normal)

@@ -97,6 +97,8 @@ class GraspContacts:
 
     def chosen(self, index: NDArray[np.bool_]) -> GraspContacts:
         """Some of the contacts."""
+        if index.all():
+            return self
         return GraspContacts(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
 

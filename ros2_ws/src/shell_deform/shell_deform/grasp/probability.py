@@ -9,8 +9,8 @@ from math import erf, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.grasp.closure import Closure, closure
-from shell_deform.grasp.contacts import GraspContacts, cross
+from shell_deform.grasp.closure import SMALLEST_SHARE, Closure, closure
+from shell_deform.grasp.contacts import GraspContacts, cross, size_of
 
 Array = NDArray[np.float64]
 
@@ -41,8 +41,16 @@ class Sigmas:
 
 
 def closure_sigma(grasp: GraspContacts, found: Closure, sigmas: Sigmas) -> float:
-    """Sigma of `Closure.needed` [-]."""
-    return _Slopes.of(grasp, found, sigmas).size
+    """Sigma of `Closure.needed` [-].
+
+    Where nothing is needed it has no slopes: any turn of a normal or of the lines between the
+    contacts makes it grow by the angle over the friction.
+    """
+    slopes = _Slopes.of(grasp, found, sigmas)
+    if found.needed > SMALLEST_SHARE or not grasp.count:
+        return slopes.size
+    turn = sigmas.normal**2 + (sigmas.point / size_of(grasp)) ** 2
+    return float(np.sqrt(turn.mean())) / max(float(grasp.friction.min()), LEAST_SIGMA)
 
 
 def closure_probability(grasp: GraspContacts, found: Closure, sigmas: Sigmas) -> float:
@@ -64,9 +72,9 @@ def closure_probability(grasp: GraspContacts, found: Closure, sigmas: Sigmas) ->
         sigmas = Sigmas(sigmas.point[pressing], sigmas.normal[pressing], sigmas.friction)
     if grasp.count == 2:
         return _of_two(grasp, sigmas)
+    far = (1.0 - found.needed) / max(closure_sigma(grasp, found, sigmas), LEAST_SIGMA)
     slopes = _Slopes.of(grasp, found, sigmas)
-    far = (1.0 - found.needed) / max(slopes.size, LEAST_SIGMA)
-    if abs(far) < CERTAIN:
+    if abs(far) < CERTAIN and slopes.size > 0.0:
         far = _at_the_edge(grasp, slopes, sigmas, far)
     return normal_share(far)
 

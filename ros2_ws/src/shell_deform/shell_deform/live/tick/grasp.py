@@ -27,9 +27,6 @@ Array = NDArray[np.float64]
 WHOLE = -1
 """Number of the finger in the row of the whole grasp."""
 
-REFRESHED = 1
-"""Directions whose capacity is found anew at every sample; old proofs still bound the others."""
-
 FINGER_FIELDS = (
     'x', 'y', 'z', 'nx', 'ny', 'nz', 'push', 'tangential_modelled', 'needed_angle',
     'slip_margin', 'slip_margin_sigma', 'soft_margin',
@@ -71,6 +68,17 @@ class Seen:
     deformed: bool
 
 
+@dataclass(frozen=True)
+class Closed:
+    """Closure, why not, the friction that it needs [-] with its sigma, and its probability."""
+
+    closed: bool
+    why: str
+    friction: float
+    sigma: float
+    probability: float
+
+
 class GraspTick:
     """Measures of one sample after the other; what the last one proved saves the next one time.
 
@@ -82,7 +90,8 @@ class GraspTick:
         self.why = ''
         self._fingers: tuple[int, ...] = ()
         self._needed: float | None = None
-        self._bounds = np.zeros((len(DIRECTIONS), 6))
+        self._closure: tuple[object, GraspTask, bytes, Closed] | None = None
+        self._bounds = np.zeros((1 + len(DIRECTIONS), 6))
         self._next = 0
 
     def rows(self, estimator: Estimator) -> NDArray[np.float32]:
@@ -117,21 +126,34 @@ class GraspTick:
 
     def _whole(self, estimator: Estimator, seen: Seen, centre: Array) -> tuple[float, ...]:
         task, grasp = self.task, seen.grasp
-        found = closure(grasp, self._needed)
-        self.why = self.why or found.why
-        self._needed = found.needed if len(found.squeeze) else None
+        known = self._closed(estimator, seen)
+        self.why = self.why or known.why
         lifted, worst = self._capacities(grasp, centre)
         snap = 1.0
         if seen.deformed and estimator.adopted is not None:
             snap = estimator.adopted.snap_margin
         push = float(grasp.push.mean()) if grasp.count else 0.0
         window = squeeze_window(push, lifted / GRAVITY, task.mass, Limits(snap_margin=snap))
-        told, sigma = self._sure(grasp, found)
         return (
-            float(found.closed), told, found.needed_friction(grasp), sigma, lifted, worst,
+            float(known.closed), known.probability, known.friction, known.sigma, lifted, worst,
             window.liftable, window.least, window.most, snap, task.friction, task.friction_sigma,
             task.mass, float(seen.deformed),
         )  # fmt: skip
+
+    def _closed(self, estimator: Estimator, seen: Seen) -> Closed:
+        """Closure: a matter of points, normals and friction, which an equilibrium decides."""
+        grasp, task = seen.grasp, self.task
+        pressing = grasp.pressing.tobytes()
+        if seen.deformed and self._closure is not None:
+            adopted, of_task, pressed, known = self._closure
+            if adopted is estimator.adopted and of_task is task and pressed == pressing:
+                return known
+        found = closure(grasp, self._needed)
+        self._needed = found.needed if len(found.squeeze) else None
+        told, sigma = self._sure(grasp, found)
+        known = Closed(found.closed, found.why, found.needed_friction(grasp), sigma, told)
+        self._closure = estimator.adopted, task, pressing, known
+        return known
 
     def _sure(self, grasp: GraspContacts, found: Closure) -> tuple[float, float]:
         """Probability of closure, and the sigma of the friction that it needs."""
@@ -146,27 +168,28 @@ class GraspTick:
         return closure_probability(grasp, found, sigmas), sigma
 
     def _capacities(self, grasp: GraspContacts, centre: Array) -> tuple[float, float]:
-        """Weight that the squeeze carries, and the worst force of 26 directions [N]."""
+        """Weight that the squeeze carries, and the worst force of 26 directions [N].
+
+        One of them is found anew at every sample, the weight every other time.
+        """
         if grasp.count < 2:
             return 0.0, 0.0
-        wrenches = np.concatenate([DIRECTIONS, np.zeros_like(DIRECTIONS)], axis=1)
-        known = np.any(self._bounds != 0.0, axis=1)
-        anew = [(self._next + i) % len(DIRECTIONS) for i in range(REFRESHED)]
-        self._next = (self._next + REFRESHED) % len(DIRECTIONS)
-        if not known.all():
-            anew = np.flatnonzero(~known).tolist()
+        wrenches = np.zeros((1 + len(DIRECTIONS), 6))
+        wrenches[0, :3], wrenches[1:, :3] = self.task.down, DIRECTIONS
+        self._next += 1
+        anew = [0 if self._next % 2 else 1 + (self._next // 2) % len(DIRECTIONS)]
+        unknown = ~np.any(self._bounds != 0.0, axis=1)
+        if unknown.any():
+            anew = np.flatnonzero(unknown).tolist()
         try:
             for number in anew:
-                found = load_capacity(grasp, wrenches[number], centre)
-                self._bounds[number] = found.bound
-            down = np.append(self.task.down, np.zeros(3))
-            lifted = load_capacity(grasp, down, centre).factor
+                self._bounds[number] = load_capacity(grasp, wrenches[number], centre).bound
         except ConeError as error:
             self.why = self.why or str(error)
             return 0.0, 0.0
         most = bounds_of(grasp, self._bounds, wrenches, centre)
-        worst = float(most.min())
-        return lifted, worst if np.isfinite(worst) else 0.0
+        most = np.where(np.isfinite(most), most, 0.0)
+        return float(most[0]), float(most[1:].min())
 
 
 def _nothing(task: GraspTask) -> Seen:

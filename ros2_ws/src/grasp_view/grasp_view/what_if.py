@@ -112,11 +112,18 @@ def contacts_of(
 def object_variant(
     described: Mapping[str, Any], young_modulus_pa: float, gauge_pressure_pa: float
 ) -> dict[str, Any]:
-    """An object file's content from what `shell_objects --json` says, with other numbers."""
+    """An object file's content from what `shell_objects --json` says, with other numbers.
+
+    The modulus of a solid wall changes by the same share.
+    """
     variant = {
         key: _known(described[key]) for key in _OBJECT_KEYS if described.get(key) not in (None, [])
     }
     variant['young_modulus_pa'] = young_modulus_pa
+    solid = described.get('solid_young_modulus_pa')
+    if solid is not None:
+        share = young_modulus_pa / float(described['young_modulus_pa'])
+        variant['solid_young_modulus_pa'] = share * float(solid)
     gas = variant.get('gas')
     if gas is not None:
         sealed = gas.get('kind') == 'sealed'

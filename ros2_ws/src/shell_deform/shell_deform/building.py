@@ -60,13 +60,15 @@ def build_model(
     control_vertices: int | None = None,
     refine_at: npt.ArrayLike | None = None,
     refine_radius: float | None = None,
+    sheared_everywhere: bool = False,
 ) -> ShellModel:
     """Mesh, wall, supports and gas of an object; the mesh is graded towards its contacts.
 
     `theory`: a name in `THEORY_NAMES`, or `auto`: thick where `excess_stiffness` says that Koiter
     is off by more than 2 % and only pins press, else Koiter. `refine_radius` [m] stands in for
     that of the object's contacts. A thick wall has triangles of a quarter of that under a pin: its
-    pressure rises towards the rim of the stamp.
+    pressure rises towards the rim of the stamp. `sheared_everywhere` gives it shear at all its
+    vertices, not only near its pins: another 0.7 % off its force in deep dents.
 
     Raises ObjectError for what the object cannot be: a support where it has no edge, sealed gas in
     an open surface.
@@ -83,7 +85,7 @@ def build_model(
         if radius is not None:
             finer = THICK_EDGES_PER_RADIUS * radius
             mesh = object_mesh(shell_object, control_vertices, refine_at, finer)
-    return model_on_mesh(shell_object, mesh, theory)
+    return model_on_mesh(shell_object, mesh, theory, sheared_everywhere)
 
 
 def fitting_theory(shell_object: ShellObject, model: ShellModel) -> str:
@@ -94,15 +96,18 @@ def fitting_theory(shell_object: ShellObject, model: ShellModel) -> str:
 
 
 def model_on_mesh(
-    shell_object: ShellObject, mesh: ControlMesh, theory: str = 'koiter'
+    shell_object: ShellObject,
+    mesh: ControlMesh,
+    theory: str = 'koiter',
+    sheared_everywhere: bool = False,
 ) -> ShellModel:
     """The model of an object on a control mesh whose limit surface is its middle surface."""
-    material = Material(shell_object.young_modulus_pa, shell_object.poisson_ratio)
+    material = Material(shell_object.modulus(theory), shell_object.poisson_ratio)
     thickness: float | Array = shell_object.thickness_m
     if shell_object.vertex_thickness_m is not None:
         thickness = extended(shell_object.vertex_thickness_m, mesh)
     shell = (
-        thick_shell(mesh, material, thickness)
+        thick_shell(mesh, material, thickness, everywhere=sheared_everywhere)
         if theory == THICK
         else discretise(mesh, material, thickness)
     )
@@ -222,10 +227,14 @@ def with_material(
     gas_kind: Literal['none', 'open', 'sealed', 'liquid'] | None = None,
     pressure: float | None = None,
 ) -> ShellObject:
-    """The same object with other numbers [Pa], [-], [m]; None keeps a number."""
+    """The same object with other numbers [Pa], [-], [m]; None keeps a number.
+
+    `young_modulus` is for every theory.
+    """
     changes: dict[str, object] = {}
     if young_modulus is not None:
         changes['young_modulus_pa'] = young_modulus
+        changes['solid_young_modulus_pa'] = None
     if poisson_ratio is not None:
         changes['poisson_ratio'] = poisson_ratio
     if thickness is not None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from grasp_common.command_line import parse
 from grasp_common.terminal import print_table, say, tracked
+from shell_deform.building import with_material
 from shell_deform.commands.console import CommandError, print_json, run
 from shell_deform.commands.shell_identify_options import DEFAULT_SIGMA_GAIN, build_parser
 from shell_deform.identify.dent_profile import DentScan, ThicknessFit, fit_thickness
@@ -66,7 +67,8 @@ def _identify(options: argparse.Namespace) -> None:
 
 
 def _result(options: argparse.Namespace, data: SqueezeData, scans: list[DentScan]) -> _Result:
-    curve = ForceCurve(load_object(options.object), options.pin_radius)
+    described = with_material(load_object(options.object), poisson_ratio=options.poisson_ratio)
+    curve = ForceCurve(described, options.pin_radius, options.theory)
     names = ['fit', 'cross-validation', 'thickness']
     steps = tracked(['dents', *names] if options.thickness else names, 'identifying')
     next(steps)
@@ -89,7 +91,7 @@ def _result(options: argparse.Namespace, data: SqueezeData, scans: list[DentScan
     if len(data.force) > 1 and not options.pressure:
         held_out = cross_validate(curve, data, options.fit_rows or max(1, len(data.force) // 2))
     next(steps)
-    exponent = thickness_sensitivity(curve.shell_object, data)
+    exponent = thickness_sensitivity(curve, data)
     next(steps, None)
     told = with_thickness(found, thickness, exponent) if thickness else found
     return _Result(data, curve, found, told, held_out, exponent, thickness)
@@ -142,6 +144,7 @@ def _document(result: _Result) -> dict[str, object]:
         for name, value, sigma in zip(found.names, found.values, found.sigma, strict=True)
     }
     document: dict[str, object] = {
+        'theory': result.curve.theory,
         'parameters': parameters,
         'solid_modulus_pa': {
             'value': found.solid_modulus,
@@ -187,15 +190,16 @@ def _print(result: _Result) -> None:
         for w, f, m in zip(data.displacement, data.force, found.fitted_force, strict=True)
     ]
     headings = ('displacement [mm]', 'measured [N]', 'fitted [N]', 'difference')
-    print_table(headings, rows, 'Measured and fitted')
+    print_table(headings, rows, f'Measured and fitted, theory {result.curve.theory}')
     for name, value in zip(found.names, found.values, strict=True):
         low, high = found.interval(name)
         say(f'{name}: {value:.5g}, 90 % interval {low:.5g} to {high:.5g}')
-    low, high = found.interval('solid_modulus_pa')
-    say(
-        f'modulus of the material, if its wall is a solid: {found.solid_modulus:.5g} Pa, '
-        f'90 % interval {low:.5g} to {high:.5g}'
-    )
+    if result.curve.excess_stiffness:
+        low, high = found.interval('solid_modulus_pa')
+        say(
+            f'modulus of the material, if its wall is a solid: {found.solid_modulus:.5g} Pa, '
+            f'90 % interval {low:.5g} to {high:.5g}'
+        )
     if result.thickness is not None:
         fit = result.thickness
         low, high = fit.solid_interval

@@ -8,6 +8,9 @@ from pathlib import Path
 
 from grasp_common.command_line import usage_of
 from shell_deform.commands.arguments import UNITS, above_zero, not_negative
+from shell_deform.theory import AUTO, DEFAULT_THEORY, THEORY_NAMES, is_linear
+
+THEORIES = (*(name for name in THEORY_NAMES if not is_linear(name)), AUTO)
 
 # One count of the 8-bit gauge at 50 mm, as a standard deviation; a twentieth of a millimetre.
 DEFAULT_SIGMA_FORCE_N = 0.06
@@ -35,6 +38,14 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--object', required=True, help='name or object file; see shell_objects')
     parser.add_argument('--pin-radius', type=above_zero, metavar='M', help='contact radius [m]')
+    parser.add_argument(
+        '--theory', choices=THEORIES, default=DEFAULT_THEORY,
+        help='theory of the wall; auto: thick where koiter would be off by more than 2 %%, which '
+        'finds the modulus of the material itself (default %(default)s)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--poisson-ratio', type=float, metavar='NU', help="instead of the object file's [-]"
+    )
     second = parser.add_mutually_exclusive_group()
     second.add_argument(
         '--pressure', action='store_true', help='identify the gauge pressure [Pa] too'

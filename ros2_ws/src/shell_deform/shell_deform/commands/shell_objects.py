@@ -90,6 +90,8 @@ def _described(shell: ShellObject, with_mesh: bool) -> dict[str, Any]:
         'control_vertices': shell.control_vertices,
         'source': shell.source,
     }
+    if shell.solid_young_modulus_pa is not None:
+        result['solid_young_modulus_pa'] = shell.solid_young_modulus_pa
     if shell.vertex_thickness_m is not None:
         result['vertex_thickness_m'] = shell.vertex_thickness_m.tolist()
     if shell.relaxation is not None:

@@ -21,7 +21,6 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from shell_deform.identify.force_curve import ForceCurve, IdentificationError
 from shell_deform.objects.shell_object import MeshFile, ShellObject
-from shell_deform.theory.thin_wall import excess_stiffness
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -233,13 +232,13 @@ def _distances(
     shape = known.surface
     # a mesh of the middle surface stays where it is, and so does the outer face in the scan
     fixed_middle = isinstance(shape, MeshFile) and shape.face != 'outer'
-    offset = 0.5 * (known if fixed_middle else curve.shell_object).thickness_m
+    thickness = (known if fixed_middle else curve.shell_object).thickness_m
     points = np.concatenate([dent.points for dent in dents])
     places = np.cumsum([len(dent.points) for dent in dents])[:-1]
-    states = curve.equilibria(nodes, young, known.gas.gauge_pressure_pa)
-    rows = [
-        curve.surface.closest_point(state.positions, points, offset).distance for state in states
-    ]
+    gauge = known.gas.gauge_pressure_pa
+    states = curve.equilibria(nodes, young, gauge)
+    faces, offset = curve.outer_faces(states, young, gauge, thickness)
+    rows = [curve.surface.closest_point(face, points, offset).distance for face in faces]
     return np.split(np.stack(rows), places, axis=1)
 
 
@@ -340,7 +339,7 @@ def _answer(
     covariance = np.linalg.pinv(fit.jac.T @ fit.jac)
     relative = abs(change) * float(np.sqrt(covariance[0, 0] * max(1.0, chi_square)))
     h = curve.shell_object.thickness_m * float(np.exp(log_ratio))
-    excess = excess_stiffness(curve.thickness_over_radius)
+    excess = curve.excess_stiffness
     return ThicknessFit(
         thickness=h,
         sigma=h * relative,

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -18,6 +18,8 @@ from shell_deform.readout import wall_ratio
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, displaced, forced
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.surface.limit import LimitSurface
+from shell_deform.theory import THICK
+from shell_deform.theory.thin_wall import excess_stiffness, thick_wall_error
 
 Array = NDArray[np.float64]
 
@@ -71,14 +73,22 @@ class ForceCurve:
         control_vertices: int | None = None,
     ) -> None:
         """`pin_radius` [m] replaces that of the object's contacts."""
-        self.shell_object = shell_object
         self._given_radius, self._vertices = pin_radius, control_vertices
-        self._model = build_model(shell_object, theory, control_vertices, refine_radius=pin_radius)
+        self._model = build_model(
+            shell_object,
+            theory,
+            control_vertices,
+            refine_radius=pin_radius,
+            sheared_everywhere=True,
+        )
+        self._described, self.shell_object = shell_object, shell_object.for_theory(self.theory)
         self._contacts = object_contacts(shell_object, self._model, pin_radius)
         self._known: dict[bytes, Array] = {}
 
     def with_theory(self, theory: str) -> ForceCurve:
-        """The same mesh and contacts under another theory."""
+        """The same object and contacts under another theory, thin walls on the same mesh."""
+        if THICK in (theory, self.theory):
+            return ForceCurve(self._described, self._given_radius, theory, self._vertices)
         other = copy(self)
         other._model = self._model.with_theory(theory)
         other._known = {}
@@ -86,7 +96,7 @@ class ForceCurve:
 
     def with_thickness(self, thickness: float) -> ForceCurve:
         """The same object and contacts with another wall [m], even everywhere."""
-        wall = with_material(self.shell_object, thickness=thickness)
+        wall = with_material(self._described, thickness=thickness)
         return ForceCurve(wall, self._given_radius, self.theory, self._vertices)
 
     @property
@@ -113,6 +123,23 @@ class ForceCurve:
     def thickness_over_radius(self) -> float:
         """How far the wall is from thin; see `theory.thin_wall`."""
         return wall_ratio(self._model)
+
+    @property
+    def excess_stiffness(self) -> float:
+        """Largest share by which a solid is softer than this theory; 0 for a thick wall's."""
+        if self.theory == THICK:
+            return 0.0
+        return excess_stiffness(self.thickness_over_radius)
+
+    @property
+    def force_sigma(self) -> float:
+        """Relative standard deviation of a thick wall's forces; 0 for a thin one's.
+
+        What a thin wall is off by is known better: `excess_stiffness`.
+        """
+        if self.theory != THICK:
+            return 0.0
+        return thick_wall_error(self.thickness_over_radius) / np.sqrt(3.0)
 
     def model(self, young: float, gauge: float) -> ShellModel:
         """The shell with this modulus [Pa] and gauge pressure [Pa]."""
@@ -181,6 +208,21 @@ class ForceCurve:
             return displaced(self._contacts, start + value)
 
         return self._walk(np.asarray(displacement, float), young, gauge, case, 'm')[0]
+
+    def outer_faces(
+        self, states: Sequence[Equilibrium], young: float, gauge: float, thickness: float
+    ) -> tuple[list[Array], float]:
+        """Control points (n, 3) [m] of squeezed surfaces, and the outer face's distance from them.
+
+        Of a thin wall that is half the `thickness` [m] along the normal of the middle surface; of
+        a thick one the surface itself is the outer face, and the distance what `thickness` is more
+        than its own.
+        """
+        if self.theory != THICK:
+            return [state.positions for state in states], 0.5 * thickness
+        shell = self.model(young, gauge).on_contacts(self._contacts).shell
+        faces = [self.surface.control_points(shell.outer_face(s.unknowns)) for s in states]
+        return faces, 0.5 * (thickness - self.shell_object.thickness_m)
 
     def _forces(self, displacement: Array, young: float, gauge: float) -> Array:
         states = self.equilibria(displacement, young, gauge)

@@ -20,7 +20,6 @@ from shell_deform.building import with_material
 from shell_deform.identify.dent_profile import NINETY_PERCENT, ThicknessFit, interval_above_zero
 from shell_deform.identify.force_curve import ForceCurve, IdentificationError
 from shell_deform.objects import ShellObject
-from shell_deform.theory.thin_wall import excess_stiffness
 
 Array = NDArray[np.float64]
 
@@ -91,13 +90,14 @@ class Identified:
         names: identified parameters: 'young_modulus_pa', perhaps 'gauge_pressure_pa' or
             'thickness_m'.
         values, sigma: (k,) best values and one standard deviation, the gauge's zero and gain
-            included.
+            and the error of a thick wall's theory included.
         correlation: (k, k). fitted_force: (n,) of the model at the measured displacements [N].
         zero_force: zero of the gauge that the data ask for [N]; 0 without `sigma_zero`.
         reduced_chi_square: near 1 when model and noise explain the data.
         stiffness_product: E h^2.5 [Pa m^2.5], what a thin sphere's curve really fixes.
         solid_modulus, solid_sigma: modulus of the rubber itself [Pa]: thin-shell theory is too
-            stiff, by something between nothing and the share of `excess_stiffness`.
+            stiff, by something between nothing and the share of `excess_stiffness`; that of a
+            thick wall needs no correction.
         statement: sentences on what is and is not separable.
     """
 
@@ -161,7 +161,9 @@ class _Problem:
         self.curve, self.data, self.pressure = curve, data, pressure
         self.scale = max(curve.shell_object.gas.ambient_pa, 1.0)
         self.wanted = 2 if pressure else 1
-        self.shared = [data.sigma_zero > 0.0, data.sigma_gain > 0.0]
+        # what the theory is off by is the same in all rows, too
+        self.sigma_gain = float(np.hypot(data.sigma_gain, curve.force_sigma))
+        self.shared = [data.sigma_zero > 0.0, self.sigma_gain > 0.0]
         self._known_gauge = known_gauge
         self._solved: dict[tuple[float, float], Array] = {}
 
@@ -183,7 +185,7 @@ class _Problem:
         """(n + priors,) normalised by sigma (n,) [N]."""
         zero, gain = self.nuisance(parameters)
         force = self.force(parameters)
-        expected = force * (1.0 + gain * self.data.sigma_gain) + zero * self.data.sigma_zero
+        expected = force * (1.0 + gain * self.sigma_gain) + zero * self.data.sigma_zero
         return np.concatenate([(expected - self.data.force) / sigma, parameters[self.wanted :]])
 
     def jacobian(self, parameters: Array, sigma: Array) -> Array:
@@ -193,8 +195,8 @@ class _Problem:
         columns = []
         for step in DIFFERENCE * np.eye(len(parameters))[: self.wanted]:
             moved = self.force(parameters + step)
-            columns.append((1.0 + gain * self.data.sigma_gain) * (moved - force) / DIFFERENCE)
-        of_shared = np.full_like(force, self.data.sigma_zero), self.data.sigma_gain * force
+            columns.append((1.0 + gain * self.sigma_gain) * (moved - force) / DIFFERENCE)
+        of_shared = np.full_like(force, self.data.sigma_zero), self.sigma_gain * force
         columns += [column for column, there in zip(of_shared, self.shared, strict=True) if there]
         prior = np.eye(len(parameters))[self.wanted :]
         return np.concatenate([np.stack(columns, axis=1) / sigma[:, None], prior])
@@ -231,7 +233,7 @@ def _identified(problem: _Problem, fit: OptimizeResult) -> Identified:
     values = np.array([np.exp(fit.x[0]), *(problem.scale * fit.x[1:wanted])])
     sigmas = deviation * np.array([values[0], problem.scale][:wanted])
     correlation = covariance / np.outer(deviation, deviation)
-    excess = excess_stiffness(curve.thickness_over_radius)
+    excess = curve.excess_stiffness
     # anything between none and all of the excess, since it fades in deep dents
     solid = float(values[0]) * (1.0 + 0.5 * excess)
     bias_sigma = float(values[0]) * excess / np.sqrt(12.0)
@@ -283,6 +285,16 @@ def with_thickness(found: Identified, fit: ThicknessFit, exponent: float) -> Ide
     if relative > SEPARABLE_SIGMA:
         verdict = 'are NOT separable by these scans: add denser scans of deeper dents'
     excess = 2.0 * (fit.solid_thickness / fit.thickness - 1.0)
+    statement = [
+        f'Modulus and thickness {verdict} (correlation {together:+.3f}, thickness known to '
+        f'{100 * relative:.1f} %); by force and displacement alone only E h^2.5 is fixed.'
+    ]
+    if excess:
+        statement.append(
+            'A thin-shell fit of a solid wall gives E h^2.5 and h low by up to '
+            f'{100 * excess / (1.0 + excess):.0f} % each; they are right for predictions by this '
+            'model, the solid values are those of the material.'
+        )
     solid = found.solid_modulus * (fit.thickness / fit.solid_thickness) ** exponent
     solid_relative = np.hypot(
         found.solid_sigma / found.solid_modulus, exponent * fit.solid_sigma / fit.solid_thickness
@@ -295,22 +307,17 @@ def with_thickness(found: Identified, fit: ThicknessFit, exponent: float) -> Ide
         correlation=np.array([[1.0, together], [together, 1.0]]),
         solid_modulus=solid,
         solid_sigma=float(solid * solid_relative),
-        statement=(
-            f'Modulus and thickness {verdict} (correlation {together:+.3f}, thickness known to '
-            f'{100 * relative:.1f} %); by force and displacement alone only E h^2.5 is fixed.',
-            'A thin-shell fit of a solid wall gives E h^2.5 and h low by up to '
-            f'{100 * excess / (1.0 + excess):.0f} % each; they are right for predictions by this '
-            'model, the solid values are those of the material.',
-        ),
+        statement=tuple(statement),
     )
 
 
-def thickness_sensitivity(shell_object: ShellObject, data: SqueezeData) -> float:
+def thickness_sensitivity(curve: ForceCurve, data: SqueezeData) -> float:
     """Exponent m in F ~ E h^m over the data's range: how modulus and thickness trade off."""
+    shell_object = curve.shell_object
     h = shell_object.thickness_m
     without = with_material(shell_object, gas_kind='none')
     forces = [
-        ForceCurve(with_material(without, thickness=factor * h)).force(
+        ForceCurve(with_material(without, thickness=factor * h), None, curve.theory).force(
             data.displacement, shell_object.young_modulus_pa
         )
         for factor in (0.98, 1.02)
@@ -335,12 +342,15 @@ def _statement(
     found = [
         'Modulus and thickness are not separable by forces and displacements: with another '
         f'thickness h the same curve gives about E times '
-        f'({shell_object.thickness_m * 1e3:g} mm / h)^2.5: what is fixed is E h^2.5.',
-        f'A thin-shell fit of a solid wall gives E low by up to '
-        f'{100 * excess / (1.0 + excess):.0f} % at this '
-        'thickness over radius; it is the right modulus for predictions by this model, the '
-        'solid modulus is that of the material.',
+        f'({shell_object.thickness_m * 1e3:g} mm / h)^2.5: what is fixed is E h^2.5.'
     ]
+    if excess:
+        found.append(
+            f'A thin-shell fit of a solid wall gives E low by up to '
+            f'{100 * excess / (1.0 + excess):.0f} % at this '
+            'thickness over radius; it is the right modulus for predictions by this model, the '
+            'solid modulus is that of the material.'
+        )
     if len(values) == 2:
         strength = abs(float(correlation[0, 1]))
         relative = sigma[0] / values[0]

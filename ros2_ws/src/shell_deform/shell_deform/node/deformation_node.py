@@ -369,7 +369,8 @@ class DeformationNode(Node):
             self.estimator.first_touch = previous.first_touch
             return
         name = self.get_parameter('object').value
-        self.modulus = ModulusFilter(load_object(name).young_modulus_pa, self._settings.errors)
+        young = load_object(name).modulus(self.link.worker.theory)
+        self.modulus = ModulusFilter(young, self._settings.errors)
         self._topics.resize(len(memory.rest), memory.rest_outer is not None)
         self._publish_mesh()
         # What is there now stays: the collector need not walk through it beside the fast loop.

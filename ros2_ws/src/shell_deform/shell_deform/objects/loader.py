@@ -42,8 +42,8 @@ from .yaml_reader import Entry, read_document
 
 _REQUIRED = ('name', 'surface', 'thickness_m', 'young_modulus_pa', 'poisson_ratio')
 _OPTIONAL = (
-    'yield_stress_pa', 'gas', 'supports', 'contacts', 'control_vertices', 'relaxation', 'source',
-    'pressure_pa',
+    'solid_young_modulus_pa', 'yield_stress_pa', 'gas', 'supports', 'contacts', 'control_vertices',
+    'relaxation', 'source', 'pressure_pa',
 )  # fmt: skip
 _SUPPORT_KINDS = ('clamped', 'hinged', 'symmetry', 'diaphragm', 'held')
 
@@ -95,7 +95,7 @@ def _read(root: Entry, folder: Path) -> ShellObject:
         name=entries['name'].text(),
         surface=surface,
         thickness_m=thickness,
-        young_modulus_pa=entries['young_modulus_pa'].number(above=0.0, maximum=1e13),
+        young_modulus_pa=_modulus(entries['young_modulus_pa']),
         poisson_ratio=entries['poisson_ratio'].number(above=-1.0, maximum=0.5),
         yield_stress_pa=(
             entries['yield_stress_pa'].number(above=0.0) if 'yield_stress_pa' in entries else None
@@ -115,6 +115,11 @@ def _read(root: Entry, folder: Path) -> ShellObject:
         else 0.0,
         relaxation=_relaxation(entries['relaxation']) if 'relaxation' in entries else None,
         source=entries['source'].text() if 'source' in entries else '',
+        solid_young_modulus_pa=(
+            _modulus(entries['solid_young_modulus_pa'])
+            if 'solid_young_modulus_pa' in entries
+            else None
+        ),
     )
     if not shell.name:
         raise entries['name'].error('name is empty')
@@ -123,6 +128,10 @@ def _read(root: Entry, folder: Path) -> ShellObject:
 
 def _list(entries: dict[str, Entry], key: str) -> list[Entry]:
     return entries[key].items() if key in entries else []
+
+
+def _modulus(entry: Entry) -> float:
+    return entry.number(above=0.0, maximum=1e13)
 
 
 def _length(entry: Entry) -> float:

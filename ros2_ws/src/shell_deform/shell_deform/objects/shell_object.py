@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from ..theory import THICK
 from ..theory.relaxation import Relaxation
 
 STANDARD_ATMOSPHERE_PA = 101_325.0
@@ -186,6 +187,8 @@ class ShellObject:
 
     Attributes:
         thickness_m: wall thickness, or its mean where `vertex_thickness_m` is given.
+        young_modulus_pa: with which thin-shell theory answers. solid_young_modulus_pa: that of the
+            material, with which a thick wall answers; None: the same.
         vertex_thickness_m: (n,) thickness at each vertex of a control mesh, else None.
         relaxation: how the modulus falls with time, or None for an elastic wall.
         pressure_pa: constant pressure inside over that outside, on the wall.
@@ -207,6 +210,20 @@ class ShellObject:
     vertex_thickness_m: npt.NDArray[np.float64] | None = None
     relaxation: Relaxation | None = None
     source: str = ''
+    solid_young_modulus_pa: float | None = None
+
+    def modulus(self, theory: str) -> float:
+        """Young's modulus [Pa] for a theory.
+
+        Thin-shell theory is too stiff for a thick wall: the modulus that it finds in a measured
+        squeeze is lower than that of the material.
+        """
+        solid = self.solid_young_modulus_pa
+        return solid if theory == THICK and solid is not None else self.young_modulus_pa
+
+    def for_theory(self, theory: str) -> ShellObject:
+        """The same object with one modulus, that of `theory`."""
+        return replace(self, young_modulus_pa=self.modulus(theory), solid_young_modulus_pa=None)
 
 
 _EDGES: dict[str, tuple[str, ...]] = {

@@ -13,40 +13,10 @@ from typing import TYPE_CHECKING
 from grasp_common.command_line import parse
 from grasp_common.terminal import print_table, tracked
 from shell_deform.commands.console import CommandError, print_json, run
-<<<<<<< HEAD
-from shell_deform.verification import (
-    closed_forms,
-    friction,
-    linear_course,
-    plates,
-    snap,
-    solid,
-    spheres,
-    sze,
-    thick_balls,
-    tubes,
-)
-from shell_deform.verification.experiments import EXPERIMENTS
-from shell_deform.verification.problem import Verified
-from shell_deform.verification.reference_table import reference_table
-=======
->>>>>>> e391532 (wip3)
 
 if TYPE_CHECKING:
     from shell_deform.verification.problem import Verified
 
-<<<<<<< HEAD
-GROUPS: dict[str, Problems] = {
-    'closed': closed_forms.problems,
-    'linear': linear_course.problems,
-    'sze': sze.problems,
-    'snap': snap.problems,
-    'spheres': spheres.problems,
-    'plates': plates.problems,
-    'friction': friction.problems,
-    'thick': thick_balls.problems,
-    'turn': tubes.problems,
-=======
 # The module of `verification` whose `problems()` a group is; a usage text imports none of them.
 GROUPS = {
     'closed': 'closed_forms',
@@ -57,7 +27,7 @@ GROUPS = {
     'plates': 'plates',
     'friction': 'friction',
     'thick': 'thick_balls',
->>>>>>> e391532 (wip3)
+    'turn': 'tubes',
 }
 
 

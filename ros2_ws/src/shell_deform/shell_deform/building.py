@@ -144,7 +144,7 @@ def object_contacts(
         raise ObjectError(f'{shell_object.name}: no contacts; add contacts: [{{at_m: …}}]')
     contacts = _sized(shell_object).contacts
     # In one load case either all rigid bodies may rub, or none.
-    bodies = any(c.friction > 0.0 or c.kind == 'fingertip' for c in contacts)
+    bodies = any(c.friction > 0.0 or c.kind in ('fingertip', 'plate') for c in contacts)
     found = []
     for number, contact in enumerate(contacts):
         try:
@@ -170,6 +170,8 @@ def _touching(model: ShellModel, contact: Contact, radius: float | None) -> Cont
             contact.friction,
             None if contact.finger.towards is None else np.array(contact.finger.towards),
         )
+    if contact.towards is not None:
+        return model.plate(at, contact.radius_m, np.array(contact.towards), contact.friction)
     if contact.kind == 'pad':
         return model.pad(at, contact.radius_m, contact.curvature_radius_m)
     return model.contact(at, radius or contact.radius_m)
@@ -185,6 +187,8 @@ def _refuse_misplaced(
     """Raise ObjectError for a contact that is not on the object's outer face."""
     at, wall = np.array(contact.at_m), shell_object.thickness_m
     where = f'{shell_object.name}: contact {number}, at_m {list(contact.at_m)}, '
+    if contact.kind == 'plate':
+        return
     away = float(np.linalg.norm(at - patch.point)) - 0.5 * wall
     if away > max(contact.radius_m, wall):
         raise ObjectError(

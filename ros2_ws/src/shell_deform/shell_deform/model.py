@@ -17,7 +17,7 @@ from shell_deform.assemble.discretisation import Discretisation
 from shell_deform.assemble.held import HeldWall
 from shell_deform.assemble.stamps import Stamp
 from shell_deform.assemble.thick import ThickShell
-from shell_deform.contact.bodies import Body, RoundBar, Shape, frame_of
+from shell_deform.contact.bodies import Body, BodyError, RoundBar, Shape, frame_of
 from shell_deform.contact.contact_field import WallStiffness, wall_stiffness
 from shell_deform.contact.loads import ContactPatch, LoadError, contact_patch
 from shell_deform.contact.outer_face import OuterFace, outer_face
@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 
 # A control point with less stiffness than this share of the median carries no surface.
 IDLE_STIFFNESS = 1e-7
+# A plate that begins this share of the object's size inside it was meant to touch it.
+START_INSIDE = 1e-2
 # A pad is held in the middle, over this share of the root of the surface's area.
 HELD_SHARE = 0.1
 
@@ -212,6 +214,32 @@ class ShellModel:
             origin, axis = np.asarray(at, dtype=float), towards / np.linalg.norm(towards)
         body = Body(shape, origin, frame_of(axis, along), axis, friction)
         return replace(patch, axis=axis, body=body)
+
+    def plate(
+        self, at: Array, radius: float, towards: Array, friction: float = 0.0
+    ) -> ContactPatch:
+        """Rigid flat plate of `radius` [m] about `at` (3,) [m] that moves `towards` (3,).
+
+        It starts where it first touches the outer face, or an edge. Nothing is held across its
+        way. Raises BodyError where it misses the object or starts inside it.
+        """
+        axis = np.asarray(towards, dtype=float) / np.linalg.norm(towards)
+        away = self.outer_face.positions(self.rest) - at
+        height = away @ axis
+        ahead = np.linalg.norm(away - height[:, None] * axis, axis=1) <= radius
+        if not ahead.any():
+            raise BodyError('the plate misses the object: nothing lies ahead of its face')
+        first = float(height[ahead].min())
+        if first < -START_INSIDE * float(np.ptp(self.rest, axis=0).max()):
+            raise BodyError(
+                f'the plate starts {-first:.3g} m inside the object; move it out by that, to '
+                'where it only touches, or let it move the other way'
+            )
+        origin = np.asarray(at, dtype=float) + first * axis
+        nearest = self.outer_face.positions(self.rest)[ahead][int(np.argmin(height[ahead]))]
+        patch, _ = self._first_touched(nearest, radius)
+        body = Body(RoundBar(float(radius)), origin, frame_of(axis), axis, friction)
+        return replace(patch, axis=axis, body=body, slides=True)
 
     def _first_touched(self, at: Array, size: float) -> tuple[ContactPatch, Array]:
         """The patch of a body of this size [m], and the point (3,) of the outer face under it."""

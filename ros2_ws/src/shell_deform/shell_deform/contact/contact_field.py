@@ -30,6 +30,8 @@ Flags = NDArray[np.bool_]
 # Stiffness of the contact over that of the wall around one control point: across the face, and
 # along it, where the wall is stiff by its membrane.
 PRESS_STIFFNESS, SLIP_STIFFNESS = 10.0, 30.0
+# Control points with less of the edge than this feel nothing of what presses on it.
+EDGE_SHARE = 1e-2
 
 
 @dataclass(frozen=True)
@@ -331,10 +333,15 @@ def wall_stiffness(face: OuterFace, normals: Array) -> WallStiffness:
     own = blocks.data[row == blocks.indices]
     across = np.einsum('ni,nij,nj->n', normals, own, normals)
     along = 0.5 * (np.trace(own, axis1=1, axis2=2) - across)
-    return WallStiffness(
-        np.asarray(matrix @ (np.maximum(across, 0.0) / area)),
-        np.asarray(matrix @ (np.maximum(along, 0.0) / area)),
-    )
+    pressed = np.asarray(matrix @ (np.maximum(across, 0.0) / area))
+    rubbed = np.asarray(matrix @ (np.maximum(along, 0.0) / area))
+    # An edge is pressed in its own plane, on the end of the wall.
+    edge = np.flatnonzero(face.half == 0.0)
+    if len(edge):
+        ends = np.maximum(np.asarray(matrix[edge].T @ face.weights[edge]), 1e-30)
+        used = np.asarray(matrix[edge].sum(axis=0)).ravel() > EDGE_SHARE
+        pressed[edge] = matrix[edge] @ np.where(used, np.maximum(along, 0.0) / ends, 0.0)
+    return WallStiffness(pressed, rubbed)
 
 
 def contact_field(

@@ -54,6 +54,7 @@ class ContactPatch:
         pad: the round bar without friction that touches here, or None.
         body: any other rigid body that touches here, or None. Without both the traction is
             given (a pin).
+        slides: whether nothing is held across the way of a body that does not rub.
     """
 
     point: Array
@@ -65,6 +66,7 @@ class ContactPatch:
     inertia: float
     pad: Pad | None = None
     body: Body | None = None
+    slides: bool = False
 
     @property
     def lateral(self) -> tuple[Array, Array]:

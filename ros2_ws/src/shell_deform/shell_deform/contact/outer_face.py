@@ -27,6 +27,8 @@ Index = NDArray[np.int64]
 # Contact points of every triangle: some lie within a tenth of an edge from its corners, so that
 # first touch is seen; more of them bind the few control points there are too often.
 POINTS_PER_TRIANGLE = 6
+# Contact points of every edge that ends the surface (Gauss).
+POINTS_PER_EDGE = 3
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,8 @@ class FacePoints:
 @dataclass(frozen=True)
 class OuterFace:
     """Contact points of a discretised shell.
+
+    Those on an edge of an open surface stand for the end of the wall: they lie in its middle.
 
     Attributes:
         shell: the discretisation. element: (p,) element of each point, whose node list it shares.
@@ -145,30 +149,60 @@ class OuterFace:
 
 
 def outer_face(shell: Discretisation) -> OuterFace:
-    """Contact points of every active triangle of `shell`."""
+    """Contact points of every active triangle of `shell`, and of the edges that end it."""
     mesh = shell.mesh
     active = np.flatnonzero(mesh.active)
     places, weights = triangle_rule(POINTS_PER_TRIANGLE)
     element = np.repeat(np.arange(len(active)), len(weights))
-    rows = basis_rows(mesh, active[element], np.tile(places, (len(active), 1)))
+    places = np.tile(places, (len(active), 1))
+    ends, along, shares = _edge_points(mesh.triangles[active])
+    on_edge = np.arange(len(element) + len(ends)) >= len(element)
+    element = np.concatenate([element, ends])
+    rows = basis_rows(mesh, active[element], np.concatenate([places, along]))
     table = np.column_stack([rows.values, rows.first])
     size = (len(element), len(mesh.vertices))
     value, first, second = (
         sp.csr_matrix((table[:, k].copy(), rows.nodes, rows.node_offsets), shape=size)
         for k in range(3)
     )
-    area = np.linalg.norm(np.cross(first @ mesh.vertices, second @ mesh.vertices), axis=1)
+    a1, a2 = first @ mesh.vertices, second @ mesh.vertices
+    area = np.linalg.norm(np.cross(a1, a2), axis=1)
     # The wall is given at the shell's own points; that of a triangle's first one is near enough
     # where it varies, and exact where it does not.
     half = 0.5 * shell.thickness[shell.point_offsets[:-1]][element]
+    size_of = np.concatenate([np.tile(weights, len(active)), shares[:, 0]])
+    way = shares[:, 1:2] * a1[on_edge] + shares[:, 2:] * a2[on_edge]
+    area[on_edge] = 2.0 * half[on_edge] * np.linalg.norm(way, axis=1)
+    half[on_edge] = 0.0
     return OuterFace(
         shell,
         element.astype(np.int64),
         np.asarray(rows.node_offsets, dtype=np.int64),
         table,
-        np.tile(weights, len(active)) * area,
+        size_of * area,
         half,
     )
+
+
+def _edge_points(triangles: NDArray[np.int32]) -> tuple[Index, Array, Array]:
+    """Points of the edges (m, 3 triangles) that have one triangle only.
+
+    Their triangle (e,), their parameters (e, 2) in it, and (e, 3): the share of the edge that each
+    stands for, and the edge's direction in the parameters.
+    """
+    edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    _, first, count = np.unique(
+        np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    rim = first[count == 1]
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    start, end = corners[rim % 3], corners[(rim % 3 + 1) % 3]
+    gauss, weights = np.polynomial.legendre.leggauss(POINTS_PER_EDGE)
+    at = 0.5 * (gauss + 1.0)
+    places = start[:, None] + at[:, None] * (end - start)[:, None]
+    way = np.repeat(end - start, POINTS_PER_EDGE, axis=0)
+    shares = np.column_stack([np.tile(0.5 * weights, len(rim)), way])
+    return np.repeat(rim // 3, POINTS_PER_EDGE), places.reshape(-1, 2), shares
 
 
 def _crossing(vectors: Array) -> Array:

@@ -326,15 +326,22 @@ def _contact(entry: Entry, surface: Surface, folder: Path) -> Contact | GripPlac
     fingers = ('body', 'unit', 'along', 'towards')
     held = ('where', 'hold', 'free')
     found = entry.mapping([], ['at_m', *rounds, 'kind', 'friction', *fingers, *held])
-    kinds = ('pin', 'pad', 'fingertip', 'grip')
+    kinds = ('pin', 'pad', 'fingertip', 'plate', 'grip')
     kind = cast(Any, found['kind'].text(kinds) if 'kind' in found else 'pin')
     if kind == 'grip':
         return read_grip(entry, lambda where: _edge(where, surface))
-    for key in (*held, *(fingers if kind != 'fingertip' else rounds)):
+    refused = {
+        'fingertip': rounds,
+        'plate': ('curvature_radius_m', 'body', 'unit', 'along'),
+    }.get(kind, fingers)
+    for key in (*held, *refused):
         if key in found:
-            needed = 'kind: pin or pad' if kind == 'fingertip' else 'kind: fingertip'
+            needed = 'kind: fingertip' if key in fingers else 'kind: pin or pad'
             needed = 'kind: grip' if key in held else needed
             raise found[key].error(f'{key} needs {needed}, not {kind}')
+    for key in ('towards', 'radius_m'):
+        if kind == 'plate' and key not in found:
+            raise entry.error(f'a plate needs {key}')
     if 'at_m' not in found:
         raise entry.error(f'{entry.key} lacks at_m')
     x, y, z = read_place(found['at_m'])
@@ -353,7 +360,8 @@ def _contact(entry: Entry, surface: Surface, folder: Path) -> Contact | GripPlac
         if friction > 0.0 and kind == 'pin':
             raise found['friction'].error('friction needs kind: pad or fingertip, not pin')
     finger = _finger(entry, found, folder) if kind == 'fingertip' else None
-    return Contact((x, y, z), radius, kind, curvature, friction, finger)
+    towards = _direction(found['towards']) if kind == 'plate' else None
+    return Contact((x, y, z), radius, kind, curvature, friction, finger, towards)
 
 
 def _finger(entry: Entry, found: dict[str, Entry], folder: Path) -> Finger:

@@ -141,7 +141,8 @@ def object_fit_report(shell: ShellObject, mesh: ControlMesh) -> FitReport:
 def _places(shell: ShellObject, refine_at: npt.ArrayLike | None) -> FloatArray:
     """(k, 3) where triangles are to be small [m]."""
     patches = [grip.at_m for grip in shell.grips if grip.radius_m is not None]
-    own = np.array([*(c.at_m for c in shell.contacts), *patches], dtype=np.float64)
+    touched = [c.at_m for c in shell.contacts if c.kind != 'plate']
+    own = np.array([*touched, *patches], dtype=np.float64)
     places = own if refine_at is None else np.asarray(refine_at, dtype=np.float64)
     places = places.reshape(-1, 3)
     if not np.isfinite(places).all():
@@ -153,7 +154,8 @@ def _smallest_contact(shell: ShellObject, target: Target, refine_radius: float |
     """Size [m] that triangles must resolve: as asked, or that of the object's contacts."""
     radius = refine_radius
     if radius is None:
-        lengths = [_contact_length(shell, contact, target) for contact in shell.contacts]
+        touched = [contact for contact in shell.contacts if contact.kind != 'plate']
+        lengths = [_contact_length(shell, contact, target) for contact in touched]
         lengths += [grip.radius_m for grip in shell.grips if grip.radius_m is not None]
         radius = min(lengths, default=np.inf)
     if not radius > 0.0:

@@ -142,16 +142,18 @@ class Contact:
     """A place where the object is touched, on its outer face.
 
     A pin presses evenly over its radius. A pad is a rigid body with a rim of that radius and a
-    flat face, or one of `curvature_radius_m`; a fingertip is one of any shape. Pads and fingertips
-    have a coefficient of friction.
+    flat face, or one of `curvature_radius_m`; a fingertip is one of any shape; a plate is a pad as
+    wide as it is said to be, flat, that moves `towards` a direction from wherever it touches
+    first, the edge of an open object included. Rigid bodies have a coefficient of friction.
     """
 
     at_m: tuple[float, float, float]
     radius_m: float
-    kind: Literal['pin', 'pad', 'fingertip']
+    kind: Literal['pin', 'pad', 'fingertip', 'plate']
     curvature_radius_m: float | None = None
     friction: float = 0.0
     finger: Finger | None = None
+    towards: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)

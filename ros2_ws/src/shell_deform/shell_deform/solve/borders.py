@@ -86,7 +86,7 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
         if not case.padded[i]:
             push[:, i], measure[:, i] = pin_rows(model, i, contact)
             pattern[:, i] = contact.force_pattern(contact.axis).reshape(-1)
-        if case.held and not _rubs(contact):
+        if case.held and not contact.slides and not _rubs(contact):
             held.extend(_padded(row, count) for row in contact.held_rows())
         if case.lateral is not None:
             dead[: len(model.rest)] += contact.force_pattern(case.lateral[i])

@@ -36,7 +36,13 @@ def depth(model, axis):
     pins = tuple(model.contact(side * 31.25e-3 * axis, RADIUS) for side in (1, -1))
     state = EquilibriumSolver(model).solve(forced(pins, [20.0, 20.0]))
     wall = float(model.shell.thickness.mean())
-    return state.displacement, max(coarseness(model.surface, wall, pin) for pin in pins)
+    return state.displacement, max(coarseness_under(model, wall, pin) for pin in pins)
+
+
+def coarseness_under(model, wall, pin):
+    place = model.surface.closest_point(model.rest, pin.point[None])
+    middle = model.surface.evaluate(model.rest, place.triangle, place.parameters)
+    return coarseness(model.surface.mesh, wall, int(place.triangle[0]), middle)
 
 
 @pytest.mark.parametrize('axis', AXES)

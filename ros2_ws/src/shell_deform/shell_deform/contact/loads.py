@@ -102,9 +102,11 @@ def contact_patch(
     radius: float,
     axis: Array | None = None,
     profile: str = 'uniform',
+    place: tuple[NDArray[np.int64], Array] | None = None,
 ) -> ContactPatch:
     """Contact of `radius` [m] centred where the middle surface is nearest to `at` (3,) [m].
 
+    `place`: triangle (1,) and parameters (1, 2) of that point where they are known.
     `axis` is the direction of the push (default: the inward normal there). `profile`: how the
     pressure falls towards the rim: 'uniform' (a pin), 'hertz' (a pad: smooth bodies) or 'cone'.
     Raises LoadError for a radius that is not positive, a point that is not finite, or an unknown
@@ -118,7 +120,7 @@ def contact_patch(
     if not (np.isfinite(radius) and radius > 0):
         raise LoadError(f'contact radius is {radius} m; it must be positive')
     mesh = surface.mesh
-    centre = surface.closest_point(mesh.vertices, at[None])
+    centre = surface.closest_point(mesh.vertices, at[None], seeds=place)
     normal = centre.normal[0]
     point = centre.position[0]
     push = -normal if axis is None else np.asarray(axis, float) / np.linalg.norm(axis)

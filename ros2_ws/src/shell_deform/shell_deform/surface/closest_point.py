@@ -102,6 +102,17 @@ class ProjectionTables:
         """`_polynomials` of the mesh as it is given."""
         return _polynomials(self.patches, self.mesh.vertices)
 
+    @cached_property
+    def rest_cell_sizes(self) -> FloatArray:
+        """`_cell_sizes` of the mesh as it is given."""
+        return _cell_sizes(self.mesh, self.mesh.vertices)
+
+    def cell_sizes(self, control_points: FloatArray) -> FloatArray:
+        """(m,) how far any point of a triangle is from its samples, at most [m]."""
+        if self.has(control_points):
+            return self.rest_cell_sizes
+        return _cell_sizes(self.mesh, control_points)
+
 
 def projection_tables(mesh: ControlMesh) -> ProjectionTables:
     """Flatten the patches of `mesh` and lay the starting samples."""
@@ -228,7 +239,7 @@ def _doubtful(
         alone &= gap >= (1.0 - 1e-9) * abs(side)
     wandered = np.linalg.norm(found.position - samples[nearest], axis=1)
     sure = found.sure & tables.smooth[found.triangle] & alone[nearest] & (away <= far)
-    cell = float(_cell_sizes(tables, control_points)[tables.mesh.active].max())
+    cell = float(tables.cell_sizes(control_points)[tables.mesh.active].max())
     return np.flatnonzero(~sure | (wandered > 2.0 * cell))
 
 
@@ -248,7 +259,7 @@ def _search_again(
     a cell of that triangle, so a search starts in every triangle with a sample that near, from the
     nearest of its samples.
     """
-    cells = _cell_sizes(tables, control_points)
+    cells = tables.cell_sizes(control_points)
     cell = float(cells[tables.mesh.active].max())
     samples = np.asarray(tree.data)
     for part in np.array_split(doubtful, 1 + len(doubtful) // DOUBTFUL_AT_ONCE):
@@ -276,9 +287,9 @@ def _search_again(
             old[part[of[best]]] = new[best]
 
 
-def _cell_sizes(tables: ProjectionTables, control_points: FloatArray) -> FloatArray:
-    """(m,) how far any point of a triangle is from its samples, at most [m]: a cell's centre."""
-    corners = control_points[tables.mesh.triangles]
+def _cell_sizes(mesh: ControlMesh, control_points: FloatArray) -> FloatArray:
+    """(m,) how far the centre of a cell is from its corners, in every triangle [m]."""
+    corners = control_points[mesh.triangles]
     edges = corners - np.roll(corners, 1, axis=1)
     longest: FloatArray = np.sqrt(np.max(np.sum(edges**2, axis=2), axis=1))
     return longest / (np.sqrt(3.0) * SAMPLE_DIVISIONS)

@@ -10,19 +10,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from shell_deform.contact.loads import ContactPatch
-from shell_deform.surface.limit import LimitSurface
+from shell_deform.surface.control_mesh import ControlMesh
+from shell_deform.surface.limit import SurfacePoints
 from shell_deform.theory.reference import sharpest_curvature
 
 FACTOR = 0.17
 
 
-def coarseness(surface: LimitSurface, wall: float, patch: ContactPatch) -> float:
-    """Relative stiffness error [-] of the mesh under `patch`; `wall` [m]."""
-    mesh = surface.mesh
-    found = surface.closest_point(mesh.vertices, patch.point[None])
-    mean, gauss = surface.evaluate(mesh.vertices, found.triangle, found.parameters).curvatures()
-    sharpest = float(sharpest_curvature(mean, gauss)[0])
-    corners = mesh.vertices[mesh.triangles[int(found.triangle[0])]]
+def coarseness(mesh: ControlMesh, wall: float, triangle: int, middle: SurfacePoints) -> float:
+    """Relative stiffness error [-] of the mesh under a contact whose centre is `middle` (one
+    point of the undeformed middle surface) in `triangle`; `wall` [m].
+    """
+    sharpest = float(sharpest_curvature(*middle.curvatures())[0])
+    corners = mesh.vertices[mesh.triangles[triangle]]
     edge = float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max())
     return FACTOR * edge * edge * sharpest / wall

@@ -169,16 +169,18 @@ class ContactTracker:
         material = surface.evaluate(self.model.rest, found.triangle, found.parameters)
         inward = -found.normal[0]
         axis = touch.normal if touch.normal @ inward > STEEPEST else inward
-        patch = contact_patch(surface, material.position[0], touch.radius, axis)
+        place = found.triangle, found.parameters
+        patch = contact_patch(surface, material.position[0], touch.radius, axis, place=place)
         moved = (positions - self.model.rest).reshape(-1)
         held = patch.held_rows().reshape(HELD_ROWS, -1) @ moved
         travel = touch.travel if np.isfinite(touch.travel) else 0.0
         depth = self._depth(patch, touch)
         now = travel + float(patch.displacement_row().reshape(-1) @ moved) - depth
         bias = now if old is None else old.bias
+        coarse = coarseness(surface.mesh, 2.0 * self._half_wall, int(found.triangle[0]), material)
         laid = HeldContact(
             touch.finger, patch, touch.point.copy(), held, bias + depth - travel, bias,
-            touch.first_point, coarseness(surface, 2.0 * self._half_wall, patch),
+            touch.first_point, coarse,
         )  # fmt: skip
         self._memory.append(laid)
         del self._memory[:-REMEMBERED]

@@ -187,6 +187,25 @@ def test_an_incompressible_wall_is_run_as_one_of_nu_0_4999(ball):
     assert energies[1] == energies[0]
 
 
+def test_a_pin_within_an_element_or_two_of_a_coarse_mesh_keeps_its_direction(model):
+    rng = np.random.default_rng(0)
+    steady = 0
+    for _ in range(6):
+        axis = rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        pins = tuple(model.contact(side * RADIUS * axis, 1e-3) for side in (1.0, -1.0))
+        solver = EquilibriumSolver(model)
+        state = solver.solve(displaced(pins, [1e-4, 1e-4]))
+        shell = model.on_contacts(pins).shell
+        steady += int(np.count_nonzero(~shell.pressed.tilts))
+        tilts = state.wall[len(shell.sheared) : len(shell.sheared) + 2, 1:]
+        assert state.converged
+        assert state.iterations <= 6
+        # Two tilts times the radius: none turns the pin by more than its travel does.
+        assert np.abs(tilts).max() < 1e-4
+    assert steady > 0
+
+
 def test_a_wall_that_reaches_its_centre_of_curvature_is_refused():
     mesh = build_model(load_object('tennis_ball'), control_vertices=60).shell.mesh
     with pytest.raises(WallError, match='reaches beyond its centre of curvature'):

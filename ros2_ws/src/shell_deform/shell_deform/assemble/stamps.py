@@ -22,6 +22,11 @@ POINTS_ACROSS = 1
 
 MOST_SPLITS = 5
 
+LEAST_LEVER = 0.02
+"""Least mean square lever of the pressures about an axis of tilt, over the squared radius, that
+holds a pin against tilting about it; an even disc has 1/4. Under a pin within one or two elements
+of a coarse mesh the pressures have none, and it keeps its direction."""
+
 
 class WallError(ValueError):
     """A wall for which the thick theory has no meaning."""
@@ -59,6 +64,7 @@ class StampPoints:
             undeformed outer face along it [m]. arm: (g, 2) offset from the stamp's centre along
             its two lateral vectors, over its radius.
         outward: (k, 3) normal of the surface at each stamp. wall: (k,) its thickness there [m].
+        tilts: (k,) whether a stamp may tilt: the pressures under it turn it both ways.
     """
 
     point: Index
@@ -69,6 +75,7 @@ class StampPoints:
     arm: Array
     outward: Array
     wall: Array
+    tilts: NDArray[np.bool_]
 
     @property
     def cells(self) -> int:
@@ -134,4 +141,25 @@ def stamp_points(
     height = np.einsum('gi,gi->g', axis, outer[point])
     element = np.searchsorted(shell.point_offsets, point, side='right') - 1
     cell = np.unique(element, return_inverse=True)[1].reshape(-1).astype(np.int64)
-    return StampPoints(point.astype(np.int64), stamp_of, cell, axis, height, arm, normals, walls)
+    tilts = np.array(
+        [
+            _least_lever(shell.weights[point], cell, arm, stamp_of == k) > LEAST_LEVER
+            for k in range(len(stamps))
+        ],
+        dtype=bool,
+    )
+    arm[~tilts[stamp_of]] = 0.0
+    return StampPoints(
+        point.astype(np.int64), stamp_of, cell, axis, height, arm, normals, walls, tilts
+    )
+
+
+def _least_lever(weight: Array, cell: Index, arm: Array, own: NDArray[np.bool_]) -> float:
+    """Least eigenvalue of the second moment of the cells' mean arms, over the radius squared."""
+    weight, cell, arm = weight[own], cell[own], arm[own]
+    area = np.bincount(cell, weight)
+    means = np.stack([np.bincount(cell, weight * a) for a in arm.T], axis=1)[area > 0.0]
+    area = area[area > 0.0]
+    means /= area[:, None]
+    away = means - np.average(means, axis=0, weights=area)
+    return float(np.linalg.eigvalsh((area * away.T) @ away / area.sum())[0])

@@ -130,8 +130,12 @@ class ThickShell(Discretisation):
 
     @cached_property
     def idle_dofs(self) -> Index:
-        """Numbers that nothing depends on: the third component of every shear node."""
-        return 3 * (len(self.mesh.vertices) + np.arange(len(self.sheared))) + 2
+        """Numbers that nothing depends on: the third component of every shear node, and the
+        tilts of pins that keep their direction.
+        """
+        third = 3 * (len(self.mesh.vertices) + np.arange(len(self.sheared))) + 2
+        steady = 3 * (self.first_pin + np.flatnonzero(~self.pressed.tilts))
+        return np.concatenate([third, steady + 1, steady + 2])
 
     @cached_property
     def places(self) -> Array:
@@ -166,6 +170,8 @@ class ThickShell(Discretisation):
             outer = stamp.centre + 0.5 * self.pressed.wall[k] * self.pressed.outward[k] - centre
             velocity = motion[:3] + np.cross(motion[3:].T, outer).T
             result[self.first_pin + k, 0] = stamp.axis @ velocity
+            if not self.pressed.tilts[k]:
+                continue
             for i, lateral in enumerate(lateral_vectors(stamp.axis)):
                 turn = np.cross(motion[3:].T, lateral) @ stamp.axis
                 result[self.first_pin + k, 1 + i] = stamp.radius * turn

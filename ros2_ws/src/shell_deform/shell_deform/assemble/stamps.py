@@ -158,8 +158,8 @@ def _least_lever(weight: Array, cell: Index, arm: Array, own: NDArray[np.bool_])
     """Least eigenvalue of the second moment of the cells' mean arms, over the radius squared."""
     weight, cell, arm = weight[own], cell[own], arm[own]
     area = np.bincount(cell, weight)
-    means = np.stack([np.bincount(cell, weight * a) for a in arm.T], axis=1)[area > 0.0]
-    area = area[area > 0.0]
-    means /= area[:, None]
+    moments = np.stack([np.bincount(cell, weight * a) for a in arm.T], axis=1)
+    pressed = area > 0.0
+    area, means = area[pressed], moments[pressed] / area[pressed, None]
     away = means - np.average(means, axis=0, weights=area)
     return float(np.linalg.eigvalsh((area * away.T) @ away / area.sum())[0])

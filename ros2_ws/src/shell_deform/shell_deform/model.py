@@ -152,7 +152,7 @@ class ShellModel:
     @cached_property
     def wall_stiffness(self) -> WallStiffness:
         """What contacts of bodies are stiff against."""
-        return wall_stiffness(self.outer_face, self.surface.vertex_normals(self.rest))
+        return wall_stiffness(self.outer_face)
 
     @cached_property
     def rest_volume(self) -> float:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rigid bodies with friction: tangent, slip, stick, hold."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -104,6 +105,40 @@ def test_two_plates_let_go_between_95_and_101_percent_of_twice_mu_n(held):
     assert moved < 1e-3
     lost, _ = pulled((model, contacts, solver, replace(state, force=held[3].force)), 1.01)
     assert not lost.converged
+
+
+def test_a_pull_of_95_percent_held_for_an_hour_of_solves_moves_nothing(held):
+    model, contacts, solver, _ = held
+    state, dead = pulled(held, 0.95)
+    assert state.converged
+    case = replace(displaced(contacts, [4e-4, 4e-4]), dead_load=dead)
+    first = state.positions
+    for _ in range(60):
+        state = solver.solve(case, state)
+        assert state.factorisations == 0
+    assert state.positions.tobytes() == first.tobytes()
+
+
+def test_a_pull_that_comes_and_goes_shakes_down_and_does_not_creep(held):
+    model, contacts, solver, _ = held
+    low, high = (pulled(held, share)[1] for share in (0.7, 0.9))
+    ends, state = [], held[3]
+    for _ in range(4):
+        for dead in (high, low):
+            state = solver.solve(replace(displaced(contacts, [4e-4, 4e-4]), dead_load=dead), state)
+            assert state.converged
+        ends.append(state.positions)
+    moved = [np.linalg.norm(b - a, axis=1).max() for a, b in itertools.pairwise(ends)]
+    assert moved[2] < min(1e-9, 0.1 * moved[0])
+
+
+def test_nothing_slips_further_than_mu_times_its_pressure(held):
+    for touch in pulled(held, 0.9)[0].touches:
+        size = np.linalg.norm(touch.friction, axis=1)
+        assert np.all(size <= (1.0 + 1e-9) * MU * touch.pressure)
+        np.testing.assert_allclose(
+            size[~touch.sticking], MU * touch.pressure[~touch.sticking], rtol=1e-9
+        )
 
 
 def test_the_moment_of_a_plate_that_slips_all_over_is_mu_times_the_arm_of_its_pressure():

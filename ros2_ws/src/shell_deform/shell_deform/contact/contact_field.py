@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """How rigid bodies press on a shell: pressure, friction, force, tangent.
 
-At every contact point of the outer face the pressure is p = max(0, l - e g) with distance g from
-the body, stiffness e and multiplier l, and the friction is the return map of t = m + e_t s to the
-cone |t| <= mu l, with slip s since the point began to stick and multiplier m. That is the
-augmented Lagrangian: multipliers take over what was found until points neither sink in nor creep.
-The bound of friction uses the pressure of the pass before (algorithmic symmetrisation): the
-tangent is symmetric, its inertia counts stability; at the end both pressures are one. A point
-that touches for the first time within a load step sticks from where it was before. Sources: J. C.
-Simo and T. A. Laursen, Comput. Struct. 42:97 (1992), doi:10.1016/0045-7949(92)90540-G; T. A.
-Laursen and J. C. Simo, Int. J. Numer. Meth. Eng. 36:3451 (1993), doi:10.1002/nme.1620362005.
+The half wall between middle surface and outer face is an elastic layer, which no thin-shell theory
+has: a body that the outer face of the theory overlaps by d presses with p = k d, and rubs with
+t = k_t s, s the slip since a point stuck, returned to the cone |t| <= mu p. So a pressure has a
+width, where Kirchhoff-Love theory alone concentrates it on lines. The stiffnesses are those of the
+layer, E / (1 - nu^2) and G over half the wall. What slips carries its friction on as the stretch
+of the layer: a state under loads that do not change stays as it is. A point that touches for the
+first time within a load step sticks from where it came to touch. The tangent leaves out that the
+bound grows with the pressure: it is symmetric, its inertia counts stability. Source of the
+return map: T. A. Laursen and J. C. Simo, Int. J. Numer. Meth. Eng. 36:3451 (1993),
+doi:10.1002/nme.1620362005.
 """
 
 from __future__ import annotations
@@ -27,24 +28,17 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-# Stiffness of the contact over that of the wall around one control point: across the face, and
-# along it, where the wall is stiff by its membrane.
-PRESS_STIFFNESS, SLIP_STIFFNESS = 10.0, 30.0
-# Control points with less of the edge than this feel nothing of what presses on it.
-EDGE_SHARE = 1e-2
-
 
 @dataclass(frozen=True)
 class Memory:
     """What k bodies and p contact points remember of a state; in the frames of the bodies.
 
     Attributes:
-        pressure: (k, p) [Pa]. traction: (k, p, 3) friction that holds the face back [Pa].
-        anchor: (k, p, 3) where a point began to stick [m]; of one that does not, where it is.
+        distance: (k, p) from the body [m]. anchor: (k, p, 3) the places on the body from which
+            the layer is stretched [m]; of points that do not touch, where they are.
     """
 
-    pressure: Array
-    traction: Array
+    distance: Array
     anchor: Array
 
 
@@ -128,7 +122,7 @@ class ContactField:
         bodies: k rigid bodies. contacts: (k,) their numbers among all contacts of a load case.
         driven: (k,) whether the depth is prescribed, else the force. face: the contact points.
         stiffness: (p,) across the face, slip_stiffness: (p,) along it [Pa/m].
-        memory: what was known when the step began; its pressure and traction are the multipliers.
+        memory: what was known when the step began.
     """
 
     bodies: tuple[Body, ...]
@@ -147,15 +141,22 @@ class ContactField:
         Else with bodies that have not touched: points stick from where they are at control
         positions (n, 3), with the bodies at their depths (c,) and motions (c, 6).
         """
-        if memory is not None and memory.pressure.shape == self.memory.pressure.shape:
+        if memory is not None and memory.distance.shape == self.memory.distance.shape:
             return replace(self, memory=memory)
         places = self.face.positions(control)
         poses = [
             body.posed(float(depth[c]), motion[c])
             for body, c in zip(self.bodies, self.contacts, strict=True)
         ]
-        anchor = np.stack([pose.inside(places) for pose in poses])
-        return replace(self, memory=replace(self.memory, anchor=anchor))
+        return replace(self, memory=self._remembered(poses, places))
+
+    def _remembered(self, poses: list[Pose], places: Array) -> Memory:
+        """The memory of points (p, 3) whose layer is not stretched."""
+        distance = [
+            pose.distance(body.shape, places).value
+            for pose, body in zip(poses, self.bodies, strict=True)
+        ]
+        return Memory(np.stack(distance), np.stack([pose.inside(places) for pose in poses]))
 
     def start(self, moved: Array, displacement: Array) -> Array:
         """Depth of every contact to start from: as prescribed, else where the body is now."""
@@ -180,12 +181,12 @@ class ContactField:
             c = int(self.contacts[k])
             pose = body.posed(float(depths[c]), motion[c])
             distance = pose.distance(body.shape, places)
-            pressure = self._pressure(k, distance.value)
+            pressure = self._pressure(distance.value)
             if not self.driven[k] and not np.any(pressure > 0.0):
                 depths[c] = self._depth(k, places, float(depths[c]), float(force[c]), motion[c])
                 pose = body.posed(float(depths[c]), motion[c])
                 distance = pose.distance(body.shape, places)
-                pressure = self._pressure(k, distance.value)
+                pressure = self._pressure(distance.value)
             touch = self._touch(k, pose, control, distance, pressure)
             touches.append(touch)
             gradient -= self.face.forces(touch.face, touch.forces)
@@ -208,8 +209,8 @@ class ContactField:
             missing,
         )
 
-    def _pressure(self, k: int, distance: Array) -> Array:
-        return np.maximum(0.0, self.memory.pressure[k] - self.stiffness * distance)
+    def _pressure(self, distance: Array) -> Array:
+        return np.maximum(0.0, -self.stiffness * distance)
 
     def _touch(
         self, k: int, pose: Pose, control: Array, distance: Distance, pressure: Array
@@ -223,16 +224,18 @@ class ContactField:
         stiffness -= pressure[:, None, None] * distance.hessian[at]
         traction = pressure[:, None] * normal
         friction, sticking = np.zeros_like(traction), np.zeros(len(at), dtype=bool)
-        mu, memory = self.bodies[k].friction, self.memory
+        mu = self.bodies[k].friction
         if mu > 0.0:
             flat = np.eye(3) - crossing
-            slip = face.position - pose.outside(memory.anchor[k, at])
-            hard = self.slip_stiffness[at]
-            known = memory.traction[k, at] @ pose.turn.T
-            trial = np.einsum('pij,pj->pi', flat, known + hard[:, None] * slip)
-            size, bound = np.linalg.norm(trial, axis=1), mu * memory.pressure[k, at]
+            # Where a point came to touch within this step: this share of the way along it.
+            before = np.maximum(self.memory.distance[k, at], 0.0)
+            left = 1.0 - before / np.maximum(before - distance.value[at], 1e-300)
+            hard = left * self.slip_stiffness[at]
+            slip = face.position - pose.outside(self.memory.anchor[k, at])
+            trial = hard[:, None] * np.einsum('pij,pj->pi', flat, slip)
+            size, bound = np.linalg.norm(trial, axis=1), mu * pressure
             sticking = size <= bound
-            share = np.where(size <= bound, 1.0, bound / np.maximum(size, 1e-300))
+            share = np.where(sticking, 1.0, bound / np.maximum(size, 1e-300))
             friction = share[:, None] * trial
             unit = trial / np.maximum(size, 1e-300)[:, None]
             lost = np.where(sticking, 0.0, 1.0)[:, None, None]
@@ -250,51 +253,18 @@ class ContactField:
             weighted = touch.weights[:, None, None] * touch.stiffness
             self.face.add(touch.face, self.face.blocks(touch.face, weighted, touch.forces), data)
 
-    def augmented(self, press: Press) -> ContactField:
-        """The field whose multipliers are the tractions found."""
-        pressure = np.zeros_like(self.memory.pressure)
-        traction = np.zeros_like(self.memory.traction)
-        for touch in press.touches:
-            pressure[touch.body, touch.face.at] = touch.pressure
-            traction[touch.body, touch.face.at] = touch.friction @ touch.pose.turn
-        return replace(self, memory=replace(self.memory, pressure=pressure, traction=traction))
-
-    def stiffer(self, factor: float) -> ContactField:
-        """The field with `factor` times the stiffness across the face."""
-        return replace(self, stiffness=factor * self.stiffness)
-
-    def unsettled(self, press: Press) -> tuple[float, float, float]:
-        """What augmenting would still move: sinking in [m], creep [m], share of the force [-]."""
-        now = self.augmented(press).memory
-        change = np.abs(now.pressure - self.memory.pressure)
-        sliding = np.linalg.norm(now.traction - self.memory.traction, axis=2)
-        for touch in press.touches:
-            # What slips turns towards its slip; what it lacks of that is no creep.
-            sliding[touch.body, touch.face.at[~touch.sticking]] = 0.0
-        total = float((now.pressure @ self.face.weights).sum())
-        gained = np.abs((now.pressure - self.memory.pressure) @ self.face.weights).sum()
-        gained += np.abs(
-            np.einsum('kpi,p->ki', now.traction - self.memory.traction, self.face.weights)
-        ).sum()
-        return (
-            float((change / self.stiffness).max(initial=0.0)),
-            float((sliding / self.slip_stiffness).max(initial=0.0)),
-            float(gained) / total if total > 0.0 else 0.0,
-        )
-
     def remembered(self, press: Press, control: Array) -> Memory:
         """The memory of a converged state, from which the next step starts.
 
-        A point that slips, or does not touch, sticks from where it is now.
+        The layer of points that touch stays stretched as their friction stretches it.
         """
-        memory = self.augmented(press).memory
-        anchor = np.empty_like(memory.anchor)
         places = self.face.positions(control)
+        memory = self._remembered([touch.pose for touch in press.touches], places)
         for touch in press.touches:
-            k, sticking = touch.body, touch.face.at[touch.sticking]
-            anchor[k] = touch.pose.inside(places)
-            anchor[k, sticking] = self.memory.anchor[k, sticking]
-        return replace(memory, anchor=anchor)
+            at = touch.face.at
+            stretch = touch.friction / self.slip_stiffness[at, None]
+            memory.anchor[touch.body, at] -= stretch @ touch.pose.turn
+        return memory
 
     def _depth(self, k: int, places: Array, start: float, force: float, motion: Array) -> float:
         """Depth [m] at which body k pushes with `force` [N] on a surface that does not yield."""
@@ -302,7 +272,7 @@ class ContactField:
 
         def excess(depth: float) -> tuple[float, float]:
             there = body.posed(depth, motion).distance(body.shape, places)
-            pressure = self._pressure(k, there.value)
+            pressure = self._pressure(there.value)
             slope = there.normal @ body.axis
             bend = np.einsum('i,pij,j->p', body.axis, there.hessian, body.axis)
             rate = np.where(pressure > 0.0, self.stiffness * slope**2 - pressure * bend, 0.0)
@@ -313,7 +283,7 @@ class ContactField:
 
 @dataclass(frozen=True)
 class WallStiffness:
-    """What a contact is stiff against: the wall around one control point, per area [Pa/m].
+    """How stiff the half wall under the outer face is, per area [Pa/m].
 
     Attributes: `across` (p,) and `along` (p,) the face, at the contact points.
     """
@@ -322,26 +292,13 @@ class WallStiffness:
     along: Array
 
 
-def wall_stiffness(face: OuterFace, normals: Array) -> WallStiffness:
-    """Stiffness of the undeformed shell's control points (n, 3: their normals), by area."""
-    shell, matrix = face.shell, face.matrices[0]
-    area = np.maximum(np.asarray(matrix.T @ face.weights), 1e-30)
-    values = shell.tangent('koiter', shell.mesh.vertices)[2]
-    pattern = shell.pattern.matrix(values)
-    blocks = pattern.tobsr((3, 3))
-    row = np.repeat(np.arange(len(normals)), np.diff(blocks.indptr))
-    own = blocks.data[row == blocks.indices]
-    across = np.einsum('ni,nij,nj->n', normals, own, normals)
-    along = 0.5 * (np.trace(own, axis1=1, axis2=2) - across)
-    pressed = np.asarray(matrix @ (np.maximum(across, 0.0) / area))
-    rubbed = np.asarray(matrix @ (np.maximum(along, 0.0) / area))
-    # An edge is pressed in its own plane, on the end of the wall.
-    edge = np.flatnonzero(face.half == 0.0)
-    if len(edge):
-        ends = np.maximum(np.asarray(matrix[edge].T @ face.weights[edge]), 1e-30)
-        used = np.asarray(matrix[edge].sum(axis=0)).ravel() > EDGE_SHARE
-        pressed[edge] = matrix[edge] @ np.where(used, np.maximum(along, 0.0) / ends, 0.0)
-    return WallStiffness(pressed, rubbed)
+def wall_stiffness(face: OuterFace) -> WallStiffness:
+    """Of the half wall of an undeformed shell, at the points of its outer face and its edges."""
+    shell = face.shell
+    first = shell.point_offsets[:-1][face.element]
+    wall = shell.thickness[first]
+    law = shell.membrane[first] / (0.5 * wall**2)[:, None, None]
+    return WallStiffness(law[:, 0, 0], law[:, 2, 2])
 
 
 def contact_field(
@@ -356,13 +313,12 @@ def contact_field(
     """
     contacts = np.array(sorted(bodies), dtype=np.int64)
     count, points = len(contacts), len(face.weights)
-    nothing = np.zeros((count, points, 3))
     return ContactField(
         tuple(bodies[int(c)] for c in contacts),
         contacts,
         driven[contacts],
         face,
-        PRESS_STIFFNESS * wall.across,
-        SLIP_STIFFNESS * wall.along,
-        Memory(np.zeros((count, points)), nothing, nothing),
+        wall.across,
+        wall.along,
+        Memory(np.full((count, points), np.inf), np.zeros((count, points, 3))),
     )

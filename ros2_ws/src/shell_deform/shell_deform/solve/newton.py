@@ -221,7 +221,9 @@ class EquilibriumSolver(StepSolver):
             else np.zeros((len(self.model.grips), 6)),
             force=start.force if same else np.zeros(len(case.contacts)),
             motion=start.motion if same else None,
-            multipliers=np.zeros(edge.held.shape[1]),
+            multipliers=start.multipliers
+            if same and len(start.multipliers) == edge.held.shape[1]
+            else np.zeros(edge.held.shape[1]),
         )
 
     def _balanced(self, edge: Borders, state: Equilibrium, case: LoadCase) -> Equilibrium:

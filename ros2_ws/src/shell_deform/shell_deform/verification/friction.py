@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 # Load steps for half a wall: friction remembers its way.
 STEPS = 5
 # The squeeze [walls] and the turn [rad] of the plate that slips all over.
-TWISTED, TURNS = 0.4, (1e-4, 1e-3, 3e-3)
+TWISTED, TURNS = 0.4, (3e-3, 1e-2, 3e-2)
 SPIN_FRICTION = 0.3
 
 

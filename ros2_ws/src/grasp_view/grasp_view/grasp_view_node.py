@@ -197,6 +197,7 @@ class GraspView(Node):
         listen('deformation/surface', PointCloud2, self._take_surface)
         for name in ('linear', 'nonlinear'):
             listen(f'deformation/{name}', PointCloud2, keep(name, messages.read_surface))
+        listen('deformation/grasp', PointCloud2, keep('grasp', messages.read_grasp))
         listen('hand/joint_states', JointState, keep('joints', messages.read_joints))
         read_hand = keep('hand', lambda m: read_description(str(m.data)))
         listen('robot_description', String, read_hand, latched=True)

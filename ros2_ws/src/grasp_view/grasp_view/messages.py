@@ -16,6 +16,7 @@ from shape_msgs.msg import Mesh as MeshMessage
 from grasp_common.messages import cloud, nanoseconds
 from grasp_common.point_cloud import CloudReader, MessageError
 
+from .grasp_measures import GraspMeasures
 from .hand_description import joint_positions
 from .poses import Pose
 from .scene_model import Cloud, Contacts, Mesh, Surface
@@ -60,6 +61,39 @@ def read_contacts(message: PointCloud2) -> Contacts:
         reader.column(points, 'radius', 0.0),
         reader.integers(points, 'finger', 0),
         reader.integers(points, 'flags', 0),
+    )
+
+
+def read_grasp(message: PointCloud2) -> GraspMeasures:
+    """`deformation/grasp`: a row a finger, and the row of finger -1 for the whole grasp."""
+    reader = CloudReader('deformation/grasp')
+    points = reader.read(message)
+    finger = reader.column(points, 'finger')
+    whole = np.flatnonzero(finger < 0)
+    if len(whole) != 1:
+        raise MessageError(f'{len(whole)} rows of the whole grasp (finger -1); one is needed')
+
+    def of_whole(name: str) -> float:
+        return float(reader.column(points, name)[whole[0]])
+
+    own = finger >= 0
+    push = reader.column(points, 'push')[own]
+    return GraspMeasures(
+        message.header.frame_id,
+        reader.columns(points, ('x', 'y', 'z'))[own],
+        reader.columns(points, ('nx', 'ny', 'nz'))[own],
+        of_whole('on_deformed_normals') > 0.0,
+        of_whole('closed') > 0.0,
+        of_whole('closure_probability'),
+        of_whole('needed_friction'),
+        of_whole('needed_friction_sigma'),
+        of_whole('friction_given'),
+        of_whole('friction_sigma_given'),
+        float(push.mean()) if len(push) else 0.0,
+        of_whole('least_push'),
+        of_whole('most_push'),
+        of_whole('liftable_mass'),
+        of_whole('mass_given'),
     )
 
 

@@ -19,6 +19,7 @@ from . import plot_export, words
 from .aim import VIEWS
 from .colour_map import legend_html
 from .front_page import TITLE, FrontPage
+from .grasp_measures import hold_html
 from .own_server import OwnServer
 from .plot_panel import PlotPanel
 from .probe import Probe, probe_html
@@ -91,6 +92,7 @@ class Page:
         gui.set_panel_label('Grasp')
         self._state = gui.add_html(words.state_html(words.told(Snapshot(), 0.0, 1e9)))
         self._numbers = gui.add_html('')
+        self._hold = gui.add_html(hold_html(None))
         self._section = gui.add_html(section_html(None))
         self.replay = ReplayPanel(self.server, self._command)
         self._quantity = gui.add_dropdown(
@@ -226,6 +228,7 @@ class Page:
         for name, element, text in (
             ('state', self._state, words.state_html(now)),
             ('numbers', self._numbers, words.largest_html(snapshot, now) + numbers),
+            ('hold', self._hold, hold_html(snapshot.grasp)),
             ('section', self._section, section_html(section)),
         ):
             if self._texts.get(name) != text:

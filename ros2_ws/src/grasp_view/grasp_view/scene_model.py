@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from .grasp_measures import GraspMeasures
 from .hand_description import Description
 from .poses import Floats, Pose
 
@@ -96,6 +97,7 @@ class Snapshot:
     linear: Surface | None = None
     nonlinear: Surface | None = None
     contacts: Contacts | None = None
+    grasp: GraspMeasures | None = None
     scan: Cloud | None = None
     scan_error: Cloud | None = None
     joints: Mapping[str, float] = field(default_factory=dict)
@@ -259,15 +261,24 @@ def touches(snapshot: Snapshot) -> list[Touch]:
 
 
 def friction_cones(snapshot: Snapshot, coefficient: float, length: float) -> Floats:
-    """Line segments (s, 2, 3) m: the friction cone of each touching contact, along its normal."""
-    contacts = snapshot.contacts
-    if contacts is None:
+    """Line segments (s, 2, 3) m: the friction cone of each touching contact, along its normal.
+
+    On the deformed shape with the friction that its grasp was given, once that is known.
+    """
+    contacts, grasp = snapshot.contacts, snapshot.grasp
+    if grasp is not None and grasp.deformed:
+        points = snapshot.in_scene(grasp.frame).points(grasp.points)
+        normals = snapshot.in_scene(grasp.frame).vectors(grasp.normals)
+        touching, coefficient = np.arange(len(points)), grasp.friction
+    elif contacts is not None:
+        points = snapshot.in_scene(contacts.frame).points(contacts.points)
+        normals = snapshot.in_scene(contacts.frame).vectors(contacts.normals)
+        touching = np.flatnonzero(contacts.flags & CONTACT)
+    else:
         return np.zeros((0, 2, 3))
-    points = snapshot.in_scene(contacts.frame).points(contacts.points)
-    normals = snapshot.in_scene(contacts.frame).vectors(contacts.normals)
     angles = np.linspace(0.0, 2 * np.pi, 17)[:-1]
     segments = []
-    for k in np.flatnonzero(contacts.flags & CONTACT):
+    for k in touching:
         axis = normals[k]
         helper = np.eye(3)[int(np.abs(axis).argmin())]
         first = np.cross(axis, helper)

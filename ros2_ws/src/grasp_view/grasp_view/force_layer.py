@@ -31,6 +31,8 @@ DASH = 0.028
 LIFTED_M = 3e-4
 SIDES = 16
 LABEL_PIXELS_PER_SIGN, LABEL_PIXELS = 8.5, 24
+# A round body seen from nearby is wider than its middle section.
+ROUND = 1.08
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -74,25 +76,39 @@ def arrow_ends(touch: Touch, surface: Surface) -> tuple[Floats, Floats, float]:
     return head + length * axis.outward, head, extent
 
 
-def label_place(visitor: Visitor, tail: Floats, middle: Floats, text: str) -> tuple[Floats, str]:
-    """Where a label stands so that it is whole in the picture, and its anchor there."""
+def label_place(
+    visitor: Visitor, tail: Floats, middle: Floats, half: float, text: str
+) -> tuple[Floats, str]:
+    """Where a label stands beside a body of half width `half`, whole in the picture; its anchor.
+
+    Lengths in the scene's units.
+    """
     right, up, _ = visitor.axes
     camera = visitor.client.camera
     width, height = visitor.window.scene
-    away = tail - np.asarray(camera.position)
-    distance = max(float(away @ visitor.axes[2]), 1e-6)
-    pixel = 2.0 * distance * np.tan(camera.fov / 2.0) / max(camera.image_height, 1)
-    middle_x = 0.5 * width - float((middle - tail) @ right) / pixel
+    eye = np.asarray(camera.position)
+    pixel, near_body = (
+        2.0
+        * max(float((place - eye) @ visitor.axes[2]), 1e-6)
+        * np.tan(camera.fov / 2.0)
+        / max(camera.image_height, 1)
+        for place in (tail, middle)
+    )
+    tail_x = 0.5 * width - float((middle - tail) @ right) / pixel
     wide = LABEL_PIXELS_PER_SIGN * len(text) + LABEL_PIXELS
     to_right = float((tail - middle) @ right) > 0.0
-    start = middle_x + 8.0 if to_right else middle_x - 8.0 - wide
+    # Beside the body too, where the arrow ends behind or before it.
+    body_x, free = 0.5 * width, ROUND * half / near_body + 8.0
+    start = max(tail_x + 8.0, body_x + free)
+    if not to_right:
+        start = min(tail_x - 8.0, body_x - free) - wide
     inside = float(np.clip(start, 6.0, max(width - wide - 6.0, 6.0)))
     if abs(inside - start) < 1.0:
-        return tail + (8.0 if to_right else -8.0) * pixel * right, (
-            'center-left' if to_right else 'center-right'
-        )
+        edge = start if to_right else start + wide
+        anchor = 'center-left' if to_right else 'center-right'
+        return tail + (edge - tail_x) * pixel * right, anchor
     centre = inside + 0.5 * wide
-    return tail + pixel * ((centre - middle_x) * right + 12.0 * up), 'bottom-center'
+    return tail + pixel * ((centre - tail_x) * right + 12.0 * up), 'bottom-center'
 
 
 @dataclass
@@ -161,10 +177,11 @@ class ForceLayer:
         for number, label in drawn.labels.items():
             if number not in {touch.finger for touch in shown}:
                 hide(label)
-        middle = 0.5 * (surface.position.min(axis=0) + surface.position.max(axis=0)) * SCALE
+        low, high = surface.position.min(axis=0) * SCALE, surface.position.max(axis=0) * SCALE
+        middle, half = 0.5 * (low + high), 0.5 * float((high - low).max())
         for touch in shown:
             tail, _, _ = arrow_ends(touch, surface)
-            place, anchor = label_place(visitor, tail * SCALE, middle, touch.label)
+            place, anchor = label_place(visitor, tail * SCALE, middle, half, touch.label)
             handle = drawn.labels.get(touch.finger)
             if handle is None:
                 drawn.labels[touch.finger] = handle = visitor.client.scene.add_label(

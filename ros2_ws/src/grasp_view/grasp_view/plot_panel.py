@@ -39,11 +39,11 @@ class Plot:
 PLOTS = (
     Plot('force (N)', {'force_1': 'F1', 'force_2': 'F2', 'force_3': 'F3'}, 1.0, '_n'),
     Plot('displacement (mm)', {'max_displacement': 'served'}, 1e3, '_m'),
-    Plot('linear theory off by (%)', {'linearity': 'linearity'}, 1e2, ''),
+    Plot('linear off by (%)', {'linearity': 'linearity'}, 1e2, ''),
     Plot('age (ms)', {'surface_age': 'surface', 'nonlinear_age': 'nonlinear'}, 1e3, '_s'),
     Plot('latency (ms)', {'latency': 'surface'}, 1e3, '_s'),
     Plot(
-        'scan error (mm)',
+        'scan (mm)',
         {'mean_error': 'mean', 'max_error': 'max', 'noise_floor': 'floor'},
         1e3,
         '_m',

@@ -2,14 +2,15 @@
 """The served surface against the solids: `python -m bags.live_bias [RECORDING ...]`.
 
 Contacts and object poses of the recordings go through tick and background solver as in the node,
-at its default parameters. At every held scan the served surface, moved out to the outer face, is
-compared with the solid's face along its normals: as served in the frame of the hand, and after
-the best rigid motion, which leaves the shape. What is left is the bias of the shell model
-together with the errors of the hand (pins, tendons, gauges): what `sigma` has to cover.
+at its default parameters. At every held scan the served outer face is compared with the solid's
+face along its normals: as served in the frame of the hand, and after the best rigid motion, which
+leaves the shape. What is left is the bias of the shell model together with the errors of the hand
+(pins, tendons, gauges): what `sigma` has to cover.
 
-`--young-modulus-pa` and `--compliance-m-per-n` show what a thick wall does: with the modulus of
-the solid, and with the shear dent that a Kirchhoff-Love wall lacks taken from the travel as the
-stretch of a tendon is, the bias that is left is that of bending alone.
+`--theory thick` with `--young-modulus-pa 14.196e6 --poisson-ratio 0.49`, those of the solid, shows
+what a wall with a thickness leaves. `--compliance-m-per-n` shows what a thin wall lacks: with the
+shear dent taken from the travel as the stretch of a tendon is, and the modulus of the solid, the
+bias that is left is that of bending alone.
 
 The recording with a slip is left out, since its truth does not say where the pins hold, and the
 fast squeeze, which is not scanned while it is held.
@@ -79,11 +80,17 @@ def without_rigid(points: Array, normal: Array, distance: Array) -> Array:
     return distance - design @ np.linalg.lstsq(design, distance, rcond=None)[0]
 
 
-def differences(name: str, young: float | None, compliance: float) -> list[Difference]:
+def differences(
+    name: str,
+    young: float | None = None,
+    compliance: float = 0.0,
+    theory: str = 'koiter',
+    poisson_ratio: float | None = None,
+) -> list[Difference]:
     """Play a recording through tick and solver; one difference per held scan.
 
-    `young`: instead of the modulus of the object file [Pa]. `compliance`: how far a contact goes
-    into the wall without bending it [m/N].
+    `young` [Pa], `poisson_ratio` [-]: instead of those of the object file. `compliance`: how far a
+    contact goes into the wall without bending it [m/N].
     """
     folder = BAGS / name
     setting = EXPERIMENTS[name].setting()
@@ -92,9 +99,9 @@ def differences(name: str, young: float | None, compliance: float) -> list[Diffe
     rows = read_experiment(folder)
     held = {scan.stamp: row for scan, row in zip(rows.scans, scans, strict=True) if scan.held}
     recording = read_recording(folder)
-    shell = with_material(load_object(str(rows.object_file)), young)
+    shell = with_material(load_object(str(rows.object_file)), young, poisson_ratio)
     values = {one.name: one.default for one in PARAMETERS} | {'tendon_compliance': compliance}
-    live = Rehearsal(build_model(shell), settings(values))
+    live = Rehearsal(build_model(shell, theory), settings(values))
     active = np.unique(live.memory.triangles)
     waiting = sorted(held)
     found = []
@@ -114,6 +121,8 @@ def differences(name: str, young: float | None, compliance: float) -> list[Diffe
         packed = served.packed[active].astype(float)
         outward = adopted.slot.normals[active] @ pose.rotation.T
         points = packed[:, :3] + 0.5 * shell.thickness_m * outward
+        if live.memory.rest_outer is not None:
+            points = packed[:, -3:]
         place = pose_of(row['object_pose'])
         turn = place.rotation @ setting.from_solution
         face = truth.surface(row['force_n']).moved(turn, place.translation)
@@ -163,6 +172,8 @@ def main() -> int:
     parser.add_argument('recording', nargs='*', default=names, help=f'of {", ".join(names)}')
     parser.add_argument('--young-modulus-pa', type=float, help="instead of the object file's")
     parser.add_argument('--compliance-m-per-n', type=float, default=0.0, help='of the wall')
+    parser.add_argument('--theory', default='koiter', help='of the wall (default %(default)s)')
+    parser.add_argument('--poisson-ratio', type=float, help="instead of the object file's")
     options = parser.parse_args()
     wanted = options.recording
     unknown = sorted(set(wanted) - set(names))
@@ -175,7 +186,13 @@ def main() -> int:
     )
     covered = []
     for name in wanted:
-        for one in differences(name, options.young_modulus_pa, options.compliance_m_per_n):
+        for one in differences(
+            name,
+            options.young_modulus_pa,
+            options.compliance_m_per_n,
+            options.theory,
+            options.poisson_ratio,
+        ):
             print(f'| {name} | {shown(one)} |', flush=True)
             covered.append(np.abs(one.served) <= NINETY * one.sigma)
     print(f'\nin the 90 % band of sigma: {100 * np.concatenate(covered).mean():.1f} % of vertices')

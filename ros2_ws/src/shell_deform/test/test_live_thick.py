@@ -9,7 +9,11 @@ import pytest
 from live_hand import SURE
 
 from shell_deform.building import build_model, object_contacts, with_material
+from shell_deform.live.pose import pose_of
+from shell_deform.live.tick.fusion import ErrorModel
+from shell_deform.live.tick.modulus import ModulusFilter
 from shell_deform.objects import load_object
+from shell_deform.readout import read_out, von_mises
 from shell_deform.solve.equilibrium import displaced
 from shell_deform.solve.newton import EquilibriumSolver
 
@@ -119,8 +123,6 @@ def test_between_two_equilibria_the_outer_face_goes_on_as_it_did(model, truth, o
 
 
 def test_a_turned_object_has_a_turned_outer_face(model, truth, outer):
-    from shell_deform.live.pose import pose_of
-
     pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
     turned = pose_of([0.1, -0.2, 0.3, 0.0, 0.0, np.sin(0.4), np.cos(0.4)])
     pipeline.estimator.pose = turned
@@ -144,3 +146,67 @@ def test_sigma_beside_a_pin_has_what_no_shell_has(model, truth):
         sigma = served.packed[:, 7]
         assert least < sigma.max() < 0.15e-3
         assert sigma[np.abs(served.packed[:, 0]) < 0.01].max() < 0.02e-3
+
+
+def test_the_snap_margin_is_what_is_left_of_the_stiffness(model, truth):
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
+    force, _ = truth(3e-3)
+    served = pipeline.settle(squeeze(force, 3e-3), rounds=5)
+    step = 0.1e-3
+    here = truth(3e-3 + step)[0].mean() - truth(3e-3 - step)[0].mean()
+    at_rest = 2.0 * truth(0.01e-3)[0].mean() * step / 0.01e-3
+    assert served.snap_margin == pytest.approx(here / at_rest, rel=0.05)
+
+
+def test_the_gauge_of_linearity_is_the_error_of_linear_theory(model, truth):
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
+    stiffness = truth(0.01e-3)[0].mean() / 0.01e-3
+    for travel in (1e-3, 2e-3):
+        force, _ = truth(travel)
+        served = pipeline.settle(squeeze(force, travel), rounds=5)
+        missed = abs(force.mean() / stiffness - travel) / travel
+        assert served.linearity == pytest.approx(missed, abs=0.1)
+
+
+@pytest.mark.parametrize('ratio', [0.8, 1.25])
+def test_the_modulus_is_learned_while_a_thick_wall_is_squeezed(ball, model, truth, ratio):
+    errors = ErrorModel(drift=0.1, quantum=0.0, mounting=5e-5)
+    pipeline = live_hand.pipeline(model, errors)
+    own = ball.modulus('thick')
+    modulus = ModulusFilter(own, errors)
+    other = replace(model, shell=model.shell.stiffened(ratio))
+    solver, state = EquilibriumSolver(other), None
+    contacts = object_contacts(ball, other, RADIUS)
+    for stamp, travel in enumerate(np.linspace(4e-4, 5e-3, 10), 1):
+        state = solver.solve(displaced(contacts, [travel, travel]), state)
+        sample = squeeze(state.force, travel, stamp=stamp, sigma_n=0.1)
+        pipeline.settle(sample, rounds=1)
+        estimator = pipeline.estimator
+        modulus.update(estimator.adopted.response, estimator.posterior.inputs, estimator.measured)
+    found = modulus.estimate
+    assert found.value == pytest.approx(ratio * own, rel=0.04)
+    assert found.samples > 5
+
+
+def test_the_outer_face_of_an_inflated_thick_sphere_has_the_stress_of_lame(ball):
+    # tangential stress at the outer radius b of a sphere under inner pressure p:
+    # 3/2 p a^3 / (b^3 - a^3)
+    pressure = 1e3
+    described = with_material(ball, gas_kind='none')
+    model = replace(build_model(described, 'thick', 250), pressure=pressure)
+    state = EquilibriumSolver(model).solve(displaced((), []))
+    found = read_out(model, state.unknowns)
+    b = 0.5 * ball.surface.outer_diameter_m
+    a = b - ball.thickness_m
+    exact = 1.5 * pressure * a**3 / (b**3 - a**3)
+    assert np.median(von_mises(found.outer_stress)) == pytest.approx(exact, rel=0.01)
+    assert np.median(found.inner_stress[:, 0]) > exact
+
+
+def test_the_energy_that_is_read_out_is_that_of_the_squeeze(ball, model):
+    solver = EquilibriumSolver(model)
+    contacts = object_contacts(ball, model, RADIUS)
+    state = solver.solve(displaced(contacts, [2e-3, 2e-3]))
+    found = read_out(solver.model, state.unknowns)
+    energy, _ = solver.model.shell.gradient('thick', state.unknowns)
+    assert found.energy_density @ solver.model.shell.weights == pytest.approx(energy, rel=1e-2)

@@ -237,6 +237,7 @@ def test_files_are_written_as_a_whole_and_leave_nothing_else(grasp: Path, tmp_pa
     assert sorted(path.name for path in (out / 'pictures').iterdir()) == ['row_1.png', 'row_2.png']
     page = (out / 'report.html').read_text()
     assert 'SYNTHETIC: made by the tests' in page
+    assert 'Friction that closure needs' in page
     assert 'load 2 of 2' in page and 'sha256 of results.json' in page and 'numpy' in page
 
 

@@ -26,7 +26,9 @@ import numpy.typing as npt
 from numpy.typing import NDArray
 
 from shell_deform.building import build_model, object_contacts, with_material
+from shell_deform.contact.body_file import load_body
 from shell_deform.contact.loads import ContactPatch
+from shell_deform.contact.taxels import FingerReading, finger_reading
 from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject, load_object
 from shell_deform.picture import surface_figure
@@ -125,6 +127,11 @@ class Squeezed:
     def max_displacement(self) -> float:
         """Largest motion of a point [m]."""
         return float(np.linalg.norm(self.displacement, axis=1).max())
+
+    @cached_property
+    def fingers(self) -> tuple[FingerReading, ...]:
+        """What the rigid bodies feel: contact region, its part that sticks, forces on cells."""
+        return finger_readings(self.shell.description, self.state)
 
     @property
     def energy(self) -> float:
@@ -338,6 +345,16 @@ def load(
     return Shell(
         description, model, contacts, EquilibriumSolver(model, NewtonOptions(stability=True))
     )
+
+
+def finger_readings(description: ShellObject, state: Equilibrium) -> tuple[FingerReading, ...]:
+    """What each fingertip, or pad with friction, of an object feels at a state, in their order."""
+    fingers = [contact.finger for contact in description.contacts if contact.kind != 'pin']
+    cells = [
+        np.zeros((0, 3)) if finger is None else load_body(finger.body, finger.unit).cells
+        for finger in fingers
+    ]
+    return tuple(finger_reading(touch, cells[touch.body]) for touch in state.touches)
 
 
 def warnings_of(model: ShellModel, state: Equilibrium, readout: Readout) -> tuple[str, ...]:

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fingertips of object files: the BarrettHand's own, parameter files, meshes; what is refused."""
 
+import json
+
 import numpy as np
 import pytest
 import trimesh
 
+from shell_deform.commands.shell_solve import main
 from shell_deform.contact.bodies import BodyError
 from shell_deform.contact.body_file import load_body
 from shell_deform.contact.fingertip import Fingertip
@@ -92,6 +95,30 @@ def test_fingertips_of_an_object_file_press_by_their_pads(tmp_path):
     squeezed = ball.squeeze(displacement=2e-4)
     assert np.all(squeezed.contact_force > 0.0)
     assert ball.contacts[0].body.turn[0, 0] == pytest.approx(1.0)
+
+
+def test_its_cells_feel_together_what_the_finger_pushes_with(tmp_path):
+    rows = (
+        f'at_m: [0, 0, {z}], kind: fingertip, body: barrett_fingertip, friction: 0.4'
+        for z in (0.0327, -0.0327)
+    )
+    ball = load(written(tmp_path, *rows), control_vertices=300)
+    squeezed = ball.squeeze(displacement=1e-3)
+    for finger, force in zip(squeezed.fingers, squeezed.contact_force, strict=True):
+        assert finger.cells.shape == (24, 3)
+        np.testing.assert_allclose(-finger.cells[:, 2].sum(), force, rtol=1e-9)
+        assert 0.0 <= finger.sticking <= finger.area < 1e-4
+        assert finger.friction <= 0.4 * finger.push * (1.0 + 1e-9)
+
+
+def test_shell_solve_prints_regions_and_cells_of_fingertips(tmp_path, capsys):
+    row = 'at_m: [0, 0, {z}], kind: fingertip, body: barrett_fingertip, friction: 0.4'
+    file = written(tmp_path, *(row.format(z=z) for z in (0.0327, -0.0327)))
+    assert main(['--object', str(file), '--displacement-sweep', '0:2e-4:1', '--json']) == 0
+    fingers = json.loads(capsys.readouterr().out)['points'][-1]['fingers']
+    assert len(fingers) == 2
+    assert len(fingers[0]['cells_n']) == 24
+    assert fingers[0]['push_n'] > 0.0
 
 
 def box(tmp_path, change=lambda mesh: mesh):

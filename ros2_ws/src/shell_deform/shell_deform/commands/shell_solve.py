@@ -28,7 +28,7 @@ from shell_deform.readout import read_out
 from shell_deform.solve.equilibrium import Equilibrium, displaced, forced
 from shell_deform.solve.first_touch import first_touch
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
-from shell_deform.squeeze import warnings_of
+from shell_deform.squeeze import finger_readings, warnings_of
 
 Array = NDArray[np.float64]
 
@@ -90,7 +90,10 @@ def _solve(options: argparse.Namespace) -> None:
                 'theory': model.theory,
                 'vertices': len(model.rest),
                 'cpu_seconds': cpu,
-                'points': [_point(solved, sweep) for solved in results],
+                'points': [
+                    {**_point(solved, sweep), **_fingers(shell_object, solved.state)}
+                    for solved in results
+                ],
                 **({'hold': [one.row() for one in held]} if options.hold else {}),
                 'message': ended,
             }
@@ -184,6 +187,21 @@ def _point(solved: Solved, sweep: GripSweep | None) -> dict[str, Any]:
         'stable': state.stable is not False,
         'end': state.end.value,
     }
+
+
+def _fingers(shell_object: ShellObject, state: Equilibrium) -> dict[str, Any]:
+    """Contact regions and touch cells of the rigid bodies, where there are any."""
+    fingers = [
+        {
+            'push_n': finger.push,
+            'friction_n': finger.friction,
+            'area_m2': finger.area,
+            'sticking_m2': finger.sticking,
+            'cells_n': finger.cells.tolist(),
+        }
+        for finger in finger_readings(shell_object, state)
+    ]
+    return {'fingers': fingers} if fingers else {}
 
 
 def _write_mesh(path: Path, model: ShellModel, state: Equilibrium) -> None:

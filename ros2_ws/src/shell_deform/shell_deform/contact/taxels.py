@@ -7,6 +7,8 @@ become finer; the integral over a cell has.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -28,3 +30,34 @@ def cell_forces(touch: Touch, centres: Array) -> Array:
         cell = cKDTree(centres).query(places)[1]
         np.add.at(result, cell, -touch.forces @ touch.pose.turn)
     return result
+
+
+@dataclass(frozen=True)
+class FingerReading:
+    """What one rigid body feels of the shell; integrals over its contact region.
+
+    Attributes:
+        push: pressure, friction: its shear, each summed over the region as lengths [N].
+        area: of the region on the undeformed shell, sticking: of its part that sticks [m^2].
+        points: contact points in it. cells: (c, 3) on its touch cells, in its own frame [N].
+    """
+
+    push: float
+    friction: float
+    area: float
+    sticking: float
+    points: int
+    cells: Array
+
+
+def finger_reading(touch: Touch, centres: Array) -> FingerReading:
+    """What the body of a contact feels; `centres` (c, 3) of its cells, in its frame [m]."""
+    weights = touch.weights
+    return FingerReading(
+        push=float(weights @ touch.pressure),
+        friction=float(weights @ np.linalg.norm(touch.friction, axis=1)),
+        area=float(weights.sum()),
+        sticking=float(weights[touch.sticking].sum()),
+        points=len(weights),
+        cells=cell_forces(touch, centres) if len(centres) else np.zeros((0, 3)),
+    )

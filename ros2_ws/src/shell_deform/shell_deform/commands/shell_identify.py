@@ -15,6 +15,7 @@ from grasp_common.command_line import parse
 from grasp_common.terminal import print_table, say, tracked
 from shell_deform.building import with_material
 from shell_deform.commands.console import CommandError, print_json, run
+from shell_deform.commands.shell_identify_hold import relaxation_from
 from shell_deform.commands.shell_identify_options import DEFAULT_SIGMA_GAIN, build_parser
 from shell_deform.identify.dent_profile import DentScan, ThicknessFit, fit_thickness
 from shell_deform.identify.force_curve import ForceCurve
@@ -54,6 +55,9 @@ class _Result:
 def _identify(options: argparse.Namespace) -> None:
     if options.plot and not options.plot.resolve().parent.is_dir():
         raise CommandError(f'--plot {options.plot}: there is no such folder')
+    if options.relaxation:
+        relaxation_from(options)
+        return
     data, scans = _read(options)
     result = _result(options, data, scans)
     if options.plot:

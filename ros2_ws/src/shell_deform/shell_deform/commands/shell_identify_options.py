@@ -18,6 +18,8 @@ DEFAULT_SIGMA_DISPLACEMENT_M = 5e-5
 # A zero that drifts by half a count during a grasp; a calibration with known weights.
 DEFAULT_SIGMA_ZERO_N = 0.1
 DEFAULT_SIGMA_GAIN = 0.01
+# A tenth of a count of 0.2 N.
+DEFAULT_SIGMA_DRIFT_N = 0.02
 # The scanner of the published experiment; what a fit of a dense scan leaves of its place.
 DEFAULT_SCANNER_SIGMA_M = 0.127e-3
 DEFAULT_SIGMA_REGISTRATION_M = 5e-5
@@ -54,6 +56,19 @@ def build_parser() -> argparse.ArgumentParser:
         *('--fit-thickness', '--thickness'), dest='thickness', action='store_true',
         help='identify the wall thickness [m] too, from the scans that the table names, in the '
         'frame of the object (error.ply of scan_error --out)',
+    )  # fmt: skip
+    second.add_argument(
+        '--relaxation', action='store_true',
+        help='identify how the wall relaxes, from a bag in which the travel stands still',
+    )  # fmt: skip
+    parser.add_argument(
+        '--sigma-drift', type=above_zero, default=DEFAULT_SIGMA_DRIFT_N, metavar='N',
+        help="drift of the gauge's zero in a root minute [N], for --relaxation "
+        '(default %(default)s)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--until', type=above_zero, metavar='SECONDS',
+        help='of --relaxation: use the samples up to here and predict the later ones [s]',
     )  # fmt: skip
     parser.add_argument('--scan-unit', choices=UNITS, default='m', help='of the scans (default m)')
     parser.add_argument(

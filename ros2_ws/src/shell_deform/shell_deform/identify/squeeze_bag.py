@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -58,8 +59,31 @@ def read_squeeze(bag: Path, topic: str = '/hand/contacts') -> SqueezeData:
     return SqueezeData(force, displacement, own, sigma_displacement, sigma_gain=gain)
 
 
-def _samples(bag: Path, topic: str) -> tuple[Array, Array, Array, Array]:
-    parts: list[Array] = []
+def read_pushes(bag: Path, topic: str = '/hand/contacts') -> tuple[Array, Array, Array, Array]:
+    """Every sample of a bag: time (n,) [s] from the first, push, travel and sigma_n (n, f).
+
+    NaN where a finger does not push, or its gauge cannot be trusted. Raises IdentificationError as
+    `read_squeeze` does.
+    """
+    stamps: list[float] = []
+    found: list[dict[int, tuple[float, float, float]]] = []
+    for stamp, cloud in _clouds(bag, topic):
+        finger, rows = _good(cloud)
+        stamps.append(stamp)
+        found.append({f: (row[0], row[1], row[2]) for f, row in zip(finger, rows, strict=True)})
+    fingers = sorted({finger for one in found for finger in one})
+    if not fingers:
+        raise IdentificationError(
+            f'{bag}: no sample with travel, a tared gauge and contact; record a grasp that is held'
+        )
+    nothing = (np.nan, np.nan, np.nan)
+    values = np.array([[one.get(finger, nothing) for finger in fingers] for one in found])
+    time = np.array(stamps) - stamps[0]
+    return time, values[..., 1], values[..., 0], values[..., 2]
+
+
+def _clouds(bag: Path, topic: str) -> Iterator[tuple[float, Any]]:
+    """Stamp [s] and message of every cloud of a topic. Raises IdentificationError."""
     try:
         store = get_typestore(Stores.ROS2_JAZZY)
         with AnyReader([bag], default_typestore=store) as reader:
@@ -67,9 +91,15 @@ def _samples(bag: Path, topic: str) -> tuple[Array, Array, Array, Array]:
             if not connections:
                 raise IdentificationError(f'{bag}: no topic {topic}')
             for connection, _, raw in reader.messages(connections=connections):
-                parts.append(_pushing(reader.deserialize(raw, connection.msgtype)))
+                cloud: Any = reader.deserialize(raw, connection.msgtype)
+                stamp = cloud.header.stamp
+                yield stamp.sec + 1e-9 * stamp.nanosec, cloud
     except (AnyReaderError, OSError) as error:
         raise IdentificationError(f'{bag} cannot be read: {error}') from error
+
+
+def _samples(bag: Path, topic: str) -> tuple[Array, Array, Array, Array]:
+    parts = [_pushing(cloud) for _, cloud in _clouds(bag, topic)]
     samples = np.concatenate(parts) if parts else np.zeros((0, 4))
     if len(samples) < 10:
         raise IdentificationError(
@@ -83,10 +113,28 @@ def _samples(bag: Path, topic: str) -> tuple[Array, Array, Array, Array]:
 
 def _pushing(cloud: Any) -> Array:
     """One mean sample (1, 4) travel, push, sigma_n, sigma_travel of the fingers that push."""
+    rows = _good(cloud)[1]
+    return rows.mean(axis=0)[None] if len(rows) else np.zeros((0, 4))
+
+
+def _good(cloud: Any) -> tuple[list[int], Array]:
+    """Fingers that push, and their travel, push, sigma_n, sigma_travel (g, 4)."""
     fields = {field.name: field for field in cloud.fields}
     if 'travel' not in fields:
-        return np.zeros((0, 4))
-    names = ('nx', 'ny', 'nz', 'fx', 'fy', 'fz', 'sigma_n', 'travel', 'sigma_travel', 'flags')
+        return [], np.zeros((0, 4))
+    names = (
+        'finger',
+        'nx',
+        'ny',
+        'nz',
+        'fx',
+        'fy',
+        'fz',
+        'sigma_n',
+        'travel',
+        'sigma_travel',
+        'flags',
+    )
     description: Any = {
         'names': list(names),
         'formats': ['u1' if fields[name].datatype == UINT8 else '<f4' for name in names],
@@ -99,10 +147,9 @@ def _pushing(cloud: Any) -> Array:
     push = sum(points[f'f{i}'].astype(float) * points[f'n{i}'] for i in 'xyz')
     good = (flags & CONTACT > 0) & (flags & UNUSABLE == 0) & np.isfinite(push)
     good &= np.isfinite(points['travel']) & (points['travel'] > 0)
-    if not good.any():
-        return np.zeros((0, 4))
     columns = [points['travel'], push, points['sigma_n'], points['sigma_travel']]
-    return np.array([[float(np.mean(column[good])) for column in columns]])
+    rows = np.stack([column[good].astype(float) for column in columns], axis=1)
+    return points['finger'][good].tolist(), rows
 
 
 def _rising(force: Array) -> NDArray[np.bool_]:

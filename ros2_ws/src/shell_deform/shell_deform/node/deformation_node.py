@@ -38,6 +38,7 @@ from shell_deform.live.tick.estimator import Estimator, Served
 from shell_deform.live.tick.first_touch import FirstTouch
 from shell_deform.live.tick.grasp import GraspTick
 from shell_deform.live.tick.health import Arrival, Figures, process_age
+from shell_deform.live.tick.hold import ForceMemory
 from shell_deform.live.tick.mesh_following import MeshFollower
 from shell_deform.live.tick.modulus import ModulusFilter
 from shell_deform.live.tick.sample import (
@@ -367,10 +368,14 @@ class DeformationNode(Node):
             # The same shell again after a restart: its last good state is still the best known.
             self.estimator.adopted = previous.adopted
             self.estimator.first_touch = previous.first_touch
+            self.estimator.hold = previous.hold
             return
         name = self.get_parameter('object').value
-        young = load_object(name).modulus(self.link.worker.theory)
+        shell_object = load_object(name)
+        young = shell_object.modulus(self.link.worker.theory)
         self.modulus = ModulusFilter(young, self._settings.errors)
+        if shell_object.relaxation is not None:
+            self.estimator.hold = ForceMemory(shell_object.relaxation)
         self._topics.resize(len(memory.rest), memory.rest_outer is not None)
         self._publish_mesh()
         # What is there now stays: the collector need not walk through it beside the fast loop.
@@ -393,7 +398,7 @@ class DeformationNode(Node):
         assert memory is not None and self.estimator is not None
         changed = Estimator(memory.rest, memory.rest_normals, self._settings, memory.rest_outer)
         changed.pose, changed.first_touch = self.estimator.pose, first
-        changed.sample = self.estimator.sample
+        changed.sample, changed.hold = self.estimator.sample, self.estimator.hold
         changed.adopt(slot)
         self.estimator = changed
         self._topics.resize(len(memory.rest), memory.rest_outer is not None)

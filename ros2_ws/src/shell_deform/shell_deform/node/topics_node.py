@@ -21,6 +21,7 @@ from grasp_common.main_node import status_name
 from grasp_common.messages import diagnostics, named_numbers, number
 from shell_deform.live.tick.estimator import Served
 from shell_deform.live.tick.grasp import GRASP_FIELDS, PLOTTED
+from shell_deform.live.tick.hold import LATER_FIELDS
 from shell_deform.live.tick.modulus import ModulusEstimate
 from shell_deform.live.tick.serve_kernel import FIELDS, NONLINEAR_FIELDS, OUTER_FIELDS
 from shell_deform.live.tick.states import LiveState
@@ -56,6 +57,7 @@ class DeformationTopics:
         self._grasp = self._make(PointCloud2, 'grasp')
         self._grasp_writers: dict[int, messages.SurfaceWriter] = {}
         self._grasp_scalars = {name: self._make(Float64, f'grasp/{name}') for name in PLOTTED}
+        self._later = self._make(PointCloud2, 'later_force')
         self._numbers = self._make(JointState, 'numbers')
         self._modulus = self._make(Float64, 'modulus')
         self._modulus_sigma = self._make(Float64, 'modulus_sigma')
@@ -104,6 +106,16 @@ class DeformationTopics:
         for name, publisher in self._grasp_scalars.items():
             if publisher.get_subscription_count():
                 publisher.publish(number(float(packed[-1, GRASP_FIELDS.index(name)])))
+
+    @property
+    def later_wanted(self) -> bool:
+        """Whether somebody listens to the forces to come."""
+        return bool(self._later.get_subscription_count())
+
+    def later(self, packed: NDArray[np.float32], stamp: int, frame: str) -> None:
+        """What the fingers will feel if they stay: a row for every finger and time."""
+        writer = messages.SurfaceWriter(len(packed), LATER_FIELDS)
+        self._later.publish(writer.message(packed, stamp, frame))
 
     def numbers(self, served: Served) -> None:
         """The numbers of one answer: each alone for plotting, and all with the answer's stamp."""

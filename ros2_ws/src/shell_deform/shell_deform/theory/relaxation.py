@@ -146,12 +146,13 @@ def log_law(
 
     low, high = np.log10(first) - MARGIN_DECADES, np.log10(last) + MARGIN_DECADES
     times = 10.0 ** np.linspace(low, high, int(np.ceil(TERMS_PER_DECADE * (high - low))) + 1)
-    at = np.geomspace(first, last, int(SAMPLES_PER_DECADE * decades) + 9)
+    count = int(np.ceil(SAMPLES_PER_DECADE * (decades + MARGIN_DECADES)))
+    at = np.geomspace(first * 10.0**-MARGIN_DECADES, last, count)
     # Both sides count from the reference, where they are equal: g_long drops out.
     basis = np.exp(-at[:, None] / times) - np.exp(-reference / times)
     wanted = -per_decade * np.log10(at / reference)
     shares = nnls(basis, wanted)[0]
-    error = float(np.abs(basis @ shares - wanted).max())
+    error = float(np.abs(basis @ shares - wanted)[at >= first].max())
     kept = shares > 0.0
     shares, times = shares[kept], times[kept]
     long_term = 1.0 - float(np.sum(shares * np.exp(-reference / times)))

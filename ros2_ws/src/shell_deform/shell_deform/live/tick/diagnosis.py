@@ -58,6 +58,8 @@ def judge(condition: Condition) -> tuple[str, str]:
         return 'warn', TAKING_UP
     if adopted is not None and adopted.share < 1.0:
         return 'warn', f'the last load case is not carried: {adopted.message}'
+    if estimator.hold is not None and (beyond := estimator.hold.law.beyond(estimator.hold.oldest)):
+        return 'warn', beyond
     if condition.state is LiveState.SATURATED:
         return 'warn', 'a gauge is saturated'
     return 'ok', condition.state.value
@@ -110,6 +112,11 @@ def values(condition: Condition, now: float) -> dict[str, object]:
         result['suspect'] = served.suspect
         result['unbalanced force [N]'] = estimator.unbalance if estimator is not None else 0.0
         result['snap margin'] = served.snap_margin
+    if estimator is not None and estimator.hold is not None:
+        law = estimator.hold.law
+        result['pushes for [s]'] = estimator.hold.oldest
+        result['relaxed force over elastic'] = float(law(estimator.hold.oldest))
+        result["Young's modulus is that after [s]"] = law.reference
     if condition.modulus is not None:
         result["Young's modulus [Pa]"] = condition.modulus.value
         result["Young's modulus, sigma [Pa]"] = condition.modulus.sigma

@@ -22,6 +22,7 @@ from shell_deform.live.tick.at_rest import AtRest
 from shell_deform.live.tick.first_touch import FirstTouch
 from shell_deform.live.tick.fusion import ErrorModel, Posterior, fuse
 from shell_deform.live.tick.fusion_types import Measured, Response
+from shell_deform.live.tick.hold import ForceMemory
 from shell_deform.live.tick.load_request import write_load
 from shell_deform.live.tick.release import measured_displacement, pressing
 from shell_deform.live.tick.sample import ContactSample, one_row_per_finger
@@ -131,6 +132,7 @@ class Estimator:
         self.measured: Measured | None = None
         self.sample: ContactSample | None = None
         self.first_touch: FirstTouch | None = None
+        self.hold: ForceMemory | None = None
         self._linear: tuple[AtRest, Array, Array] | None = None
         n = len(rest)
         self._rest_offset = None if rest_outer is None else rest_outer - rest
@@ -146,6 +148,8 @@ class Estimator:
         """Serve rest until a new result is adopted."""
         self.adopted = None
         self.posterior = None
+        if self.hold is not None:
+            self.hold.forget()
 
     def adopt(self, slot: Slot) -> None:
         """Take a new result of the background process."""
@@ -166,6 +170,8 @@ class Estimator:
     def tick(self, sample: ContactSample) -> Served:
         """Answer one sample; see `Served`."""
         merged = one_row_per_finger(sample, self.settings.default_radius)
+        if self.hold is not None:
+            merged = self.hold.elastic(merged)
         merged = pressing(merged, self.settings.errors)
         self.sample = merged
         self._linear = None

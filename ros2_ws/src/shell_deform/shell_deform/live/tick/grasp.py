@@ -227,6 +227,9 @@ def contacts_of(estimator: Estimator, task: GraspTask) -> Seen:
     force += (lateral[:, None] * response.lateral).reshape(k, 2, 3).sum(axis=1)
     normal = adopted.touch_normal @ pose.rotation.T
     force = force @ pose.rotation.T
+    if estimator.hold is not None:
+        # What the fingers feel now, not what an elastic wall would make them feel.
+        force *= estimator.hold.share(adopted.fingers)[:, None]
     radius = np.full(k, estimator.settings.default_radius)
     if sample is not None and len(sample.finger) == k:
         radius = sample.radius

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""shell_identify --relaxation: how the wall of a held object relaxes, from a bag."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from grasp_common.terminal import print_table, say
+from shell_deform.commands.console import CommandError, print_json
+from shell_deform.identify.relaxation import HeldPushes, RelaxationFit, fit_relaxation
+from shell_deform.objects import load_object
+
+COUNT_N = 0.2
+"""A count of the 8-bit gauge at 50 mm [N]."""
+
+
+def relaxation_from(options: argparse.Namespace) -> None:
+    """Read the bag, fit the law, print it. Raises CommandError or IdentificationError."""
+    path = options.data
+    if not (path.is_dir() or path.suffix in ('.mcap', '.db3')):
+        raise CommandError(
+            f'{path}: --relaxation needs a bag with hand/contacts that carry travel'
+        )
+    if not path.exists():
+        raise CommandError(f'{path} does not exist; give a bag')
+    from shell_deform.identify.squeeze_bag import read_pushes
+
+    load_object(options.object)
+    time, push, travel, sigma = read_pushes(path)
+    noise = float(np.nanmin(sigma))
+    data = HeldPushes(time, push, travel, noise, COUNT_N, options.sigma_drift)
+    fit = fit_relaxation(data, options.until or np.inf)
+    predictions = _predictions(data, fit) if options.until else []
+    low, high = fit.interval
+    law = fit.law
+    if options.json:
+        print_json(
+            {
+                'relaxation': {
+                    'kind': 'log', 'share_per_decade': law.per_decade, 'from_s': law.first,
+                    'to_s': law.last, 'reference_s': law.reference, 'sigma_per_decade': law.sigma,
+                },
+                'interval_90': [low, high],
+                'levels': [
+                    {'began_s': one.began, 'first_s': one.first, 'last_s': one.last,
+                     'force_n': float(force)}
+                    for one, force in zip(fit.levels, fit.force, strict=True)
+                ],
+                'separable': fit.separable,
+                'sigma_with_free_drift': fit.sigma_free,
+                'reduced_chi_square': fit.reduced_chi_square,
+                'predicted': predictions,
+                'statement': list(fit.statement),
+            }
+        )  # fmt: skip
+        return
+    say(
+        f'relaxation: {{kind: log, share_per_decade: {law.per_decade:.4g}, from_s: '
+        f'{law.first:.3g}, to_s: {law.last:.4g}, sigma_per_decade: {law.sigma:.2g}}}'
+    )
+    say(f'90 % interval of the share {low:.4g} to {high:.4g}')
+    say(f'reduced chi-square {fit.reduced_chi_square:.2f}')
+    if predictions:
+        print_table(
+            ('finger', 'time [s]', 'predicted [N]', 'sigma [N]', 'read [N]'),
+            [
+                [str(p['finger']), f'{p["time_s"]:.1f}', f'{p["force_n"]:.3f}',
+                 f'{p["sigma_n"]:.3f}', f'{p["read_n"]:.3f}']
+                for p in predictions
+            ],
+            'Later pushes',
+        )  # fmt: skip
+    for sentence in fit.statement:
+        say(sentence)
+
+
+def _predictions(data: HeldPushes, fit: RelaxationFit) -> list[dict[str, float]]:
+    """The last push of every finger beside what the earlier ones predict."""
+    rows = []
+    for finger in range(data.push.shape[1]):
+        known = np.flatnonzero(np.isfinite(data.push[:, finger]))
+        known = known[data.time[known] <= fit.levels[-1].last]
+        time = float(data.time[known[-1]])
+        force, sigma = fit.force_at(time, finger)
+        read = float(data.push[known[-20:], finger].mean())
+        rows.append(
+            {'finger': finger + 1, 'time_s': time, 'force_n': force, 'sigma_n': sigma,
+             'read_n': read}
+        )  # fmt: skip
+    return rows

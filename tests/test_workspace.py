@@ -9,23 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.executables import EXECUTABLES
 
 ROOT = Path(__file__).resolve().parent.parent
-EXECUTABLES = {
-    'barrett_hand_bridge': ('hand_bridge', 'hand_emulator', 'hand_calibrate'),
-    'shell_deform': (
-        'deformation',
-        'shell_solve',
-        'shell_verify',
-        'shell_objects',
-        'shell_identify',
-        'object_prepare',
-        'grasp_map',
-    ),
-    'scan_compare': ('scan_compare', 'scan_error'),
-    'grasp_replay': ('replay', 'record', 'grasp_report', 'bag_check'),
-    'grasp_view': ('grasp_view',),
-}
 ALL = [(package, name) for package, names in EXECUTABLES.items() for name in names]
 
 

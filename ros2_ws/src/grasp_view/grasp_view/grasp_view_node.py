@@ -237,7 +237,7 @@ class GraspView(Node):
         self._snapshot = replace(self._snapshot, **changes)
 
     def _take_facts(self, message: DiagnosticArray) -> None:
-        facts = messages.read_facts(message, NAMESPACE if self.what_if is not None else '')
+        facts = messages.read_facts(message, NAMESPACE, self.what_if is not None)
         if facts is not None:
             self._keep(**vars(facts))
 

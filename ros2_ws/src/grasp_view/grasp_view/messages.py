@@ -136,11 +136,14 @@ class SolverFacts:
     trouble: str
 
 
-def read_facts(message: DiagnosticArray, namespace: str) -> SolverFacts | None:
-    """The facts of the `deformation` node of `namespace`; None where the message is another's."""
+def read_facts(message: DiagnosticArray, what_if: str, asked: bool) -> SolverFacts | None:
+    """The facts of a `deformation` node; None where the message is of another node.
+
+    what_if: the namespace of what-if; asked: whether its node is meant, or the one outside of it.
+    """
     for status in message.status:
         values = {entry.key: entry.value for entry in status.values}
-        ours = status.name.startswith(namespace.strip('/')) == bool(namespace.strip('/'))
+        ours = status.name.startswith(f'{what_if.strip("/")}/') == asked
         if 'object' in values and 'background trouble' in values and ours:
             healthy = status.level in (DiagnosticStatus.OK, b'\x00')
             return SolverFacts(

@@ -67,10 +67,11 @@ class PlotPanel:
             panel.minimize()
         for plot in PLOTS:
             unknown = (False,) * len(plot.series)
-            empty = np.array([-series.span])
+            # The library keeps the first range of time, or what a visitor zoomed to.
+            empty = np.array([-series.span, 0.0])
             with panel.add_tab(plot.title):
                 handle = gui.add_uplot(
-                    (empty, *(np.zeros(1) for _ in plot.series)),
+                    (empty, *(np.zeros(2) for _ in plot.series)),
                     _lines(plot, unknown),
                     scales={'x': uplot.Scale(time=False), 'y': uplot.Scale(auto=True)},
                     legend=uplot.Legend(show=True, live=False),

@@ -84,7 +84,8 @@ class Section:
     """Curves in mm: lateral and outward, from the rest shape's place under the contact.
 
     band (s,): sigma of the served curve; depth: how far the served surface is pushed in on the
-    axis; scan_age: s that the scan is older than the answer. linear and scan may be empty.
+    axis; scan_age: s that the scan is older than the answer; registered: it was fitted to the
+    undeformed part of the object, not only placed. linear and scan may be empty.
     """
 
     finger: int
@@ -97,6 +98,7 @@ class Section:
     pin: Floats
     depth: float
     scan_age: float
+    registered: bool
 
 
 def deepest(snapshot: Snapshot) -> Touch | None:
@@ -150,6 +152,7 @@ def section_of(snapshot: Snapshot, faces: SmoothFaces) -> Section | None:
         1e3 * found.plane(touch.point[None])[0],
         float(rest[middle, 1] - line[middle, 1]),
         0.0 if cloud is None else served.stamp - cloud.stamp,
+        snapshot.scan_error is not None,
     )
 
 

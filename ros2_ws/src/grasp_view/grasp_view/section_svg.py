@@ -25,12 +25,13 @@ def section_html(section: Section | None, linear: bool = True) -> str:
             '<div class="grasp-section"><b>Section through the dent</b>'
             '<p>drawn when a finger presses</p></div>'
         )
-    age = f', {section.scan_age:.1f} s old' if section.scan_age > OLD_S else ''
+    note = '' if section.registered else ', as placed'
+    note += f', {section.scan_age:.1f} s old' if section.scan_age > OLD_S else ''
     key = (
         '<span class="k served">served ± sigma, middle surface</span>'
         + '<span class="k linear">linear</span>' * bool(len(section.linear) and linear)
         + '<span class="k rest">rest</span>'
-        + f'<span class="k scan">scan, outer face{age}</span>' * bool(len(section.scan))
+        + f'<span class="k scan">scan, outer face{note}</span>' * bool(len(section.scan))
     )
     return (
         f'<div class="grasp-section"><b>Section through the dent of F{section.finger}</b>'

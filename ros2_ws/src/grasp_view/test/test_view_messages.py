@@ -15,7 +15,9 @@ from hypothesis.extra import numpy as arrays
 from sensor_msgs.msg import PointCloud2, PointField
 from shape_msgs.msg import Mesh, MeshTriangle
 
+from grasp_common.messages import diagnostics
 from grasp_common.point_cloud import MessageError
+from grasp_view import messages
 from grasp_view.messages import (
     contacts_message,
     read_cloud,
@@ -144,3 +146,34 @@ def test_a_mesh_that_names_a_vertex_it_does_not_have_is_refused() -> None:
     )
     with pytest.raises(MessageError, match='vertex 3 of 3'):
         read_mesh(message)
+
+
+@pytest.mark.parametrize(
+    ('name', 'asked', 'known'),
+    [
+        ('deformation', False, True),
+        ('left/deformation', False, True),
+        ('what_if/deformation', False, False),
+        ('what_if/deformation', True, True),
+        ('deformation', True, False),
+    ],
+)
+def test_object_and_theory_come_from_the_diagnostics_of_the_right_node(
+    name: str, asked: bool, known: bool
+) -> None:
+    values = {'object': '/data/cup/object.yaml', 'theory': 'koiter', 'background trouble': ''}
+    told = diagnostics(1, name, 'warn', 'no pose', values)
+    facts = messages.read_facts(told, '/what_if', asked)
+    assert (facts is not None) == known
+    if facts is not None:
+        assert facts == messages.SolverFacts('cup', 'koiter', 'no pose')
+    other = diagnostics(1, name, 'ok', 'fine', {'browsers': 1})
+    assert messages.read_facts(other, '/what_if', asked) is None
+
+
+@pytest.mark.parametrize(
+    ('given', 'shown'),
+    [('tennis_ball', 'tennis_ball'), ('/a/my_cup.yaml', 'my_cup'), ('bags/x/object.yaml', 'x')],
+)
+def test_an_object_given_by_its_file_is_called_by_its_name(given: str, shown: str) -> None:
+    assert messages.object_name(given) == shown

@@ -59,9 +59,10 @@ def test_an_old_scan_says_its_age() -> None:
     scan = Cloud(2.0, 'object', MESH.rest)
     section = section_of(replace(squeezed(4e-3), scan=scan), FACES)
     assert section is not None and len(section.scan) > 5
-    assert 'scan, outer face, 3.0 s old' in section_html(section)
-    now = section_of(replace(squeezed(4e-3), scan=replace(scan, stamp=5.0)), FACES)
-    assert 'old' not in section_html(now)
+    assert 'scan, outer face, as placed, 3.0 s old' in section_html(section)
+    fitted = replace(scan, stamp=5.0)
+    now = section_html(section_of(replace(squeezed(4e-3), scan_error=fitted), FACES))
+    assert 'scan, outer face<' in now
 
 
 def test_the_drawing_names_its_depth_for_those_who_do_not_see_it() -> None:

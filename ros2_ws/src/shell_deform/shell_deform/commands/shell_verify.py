@@ -26,7 +26,7 @@ GROUPS = {
     'spheres': 'spheres',
     'plates': 'plates',
     'friction': 'friction',
-    'thick': 'thick_balls',
+    'thick': 'thick',
     'turn': 'tubes',
 }
 

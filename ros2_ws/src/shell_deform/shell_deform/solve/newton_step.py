@@ -149,7 +149,7 @@ class StepSolver:
     def rest(self) -> Equilibrium:
         """The undeformed state, as a start."""
         empty = np.zeros(0)
-        return Equilibrium(
+        rest = Equilibrium(
             True,
             '',
             self.model.rest,
@@ -163,6 +163,7 @@ class StepSolver:
             0,
             0,
         )
+        return self.met(rest)
 
     def respond(self, state: Equilibrium, edge: Borders, loads: Array) -> Array:
         """Displacements (N, k) per unit of the loads (N, k), by the tangent at `state`."""

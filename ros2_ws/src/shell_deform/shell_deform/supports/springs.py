@@ -17,18 +17,25 @@ tried to hold more: positions in the middles of the edges too gives 1.8379, 1.83
 makes the roof of Scordelis and Lo on 16 cells 0.34 % stiff instead of under 0.1 %); slopes in the
 middles too locks, 1.7641, 1.8030, 1.8149e-5, from below at first order. The published 1.8248e-5
 lies between the two.
+
+A thick wall has a director, too. A clamp holds where that points, slope and transverse shear
+together: with the slope alone the wall would turn in it as in a hinge, by shearing there, and
+without any shear it would be too stiff by a layer of one triangle.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from shell_deform.assemble.discretisation import Discretisation
+from shell_deform.assemble.shear_nodes import shear_frames
+from shell_deform.assemble.thick import ThickShell
 from shell_deform.surface.loop_basis import basis_rows
 
 Array = NDArray[np.float64]
@@ -42,6 +49,13 @@ class SupportError(ValueError):
     """A support that this surface cannot have."""
 
 
+class Places(NamedTuple):
+    """Places of a surface: the triangle (q,) of each and its parameters (q, 2) there."""
+
+    triangle: Index
+    parameters: Array
+
+
 @dataclass(frozen=True)
 class SupportRows:
     """Linear conditions on the displacement: each row is kept near zero by its spring.
@@ -51,7 +65,9 @@ class SupportRows:
 
     Attributes:
         offsets: (k + 1,) rows k use entries offsets[k]:offsets[k + 1].
-        nodes: control points of the entries. coefficients: (e, 3) what multiplies their motion.
+        nodes: control points of the entries; n + v is the shear of vertex v of a thick wall, in
+            the rows of a `ThickShell` only once `on` has found it. coefficients: (e, 3) what
+            multiplies their motion.
         stiffness: (k,) spring constants [N/m] (rows are scaled to metres).
         floating: (k, f) how the rows move in each free motion, orthonormal under the stiffness;
             None where nothing floats.
@@ -72,6 +88,20 @@ class SupportRows:
     def floats(self) -> Array:
         """(k, f) `floating`, of no columns where nothing floats."""
         return np.zeros((len(self.stiffness), 0)) if self.floating is None else self.floating
+
+    def on(self, shell: Discretisation) -> SupportRows:
+        """The conditions in the unknowns of `shell`; shear that it has not, it has not to hold."""
+        n = len(shell.mesh.vertices)
+        row = np.concatenate([np.arange(n), np.full(n, -1)])
+        if isinstance(shell, ThickShell):
+            row[n + shell.sheared] = n + np.arange(len(shell.sheared))
+        nodes = row[self.nodes]
+        there = nodes >= 0
+        offsets = np.concatenate([[0], np.cumsum(there)])[self.offsets]
+        return SupportRows(
+            offsets.astype(np.int64), nodes[there], self.coefficients[there], self.stiffness,
+            self.floating,
+        )  # fmt: skip
 
     def dense(self, size: int) -> Array:
         """The rows, without what floats, as columns of a dense (3 size, k) matrix."""
@@ -158,7 +188,7 @@ def joined(parts: list[SupportRows]) -> SupportRows | None:
 
 def hold_position(shell: Discretisation, vertices: Index, directions: Array) -> SupportRows:
     """Keep the limit positions of `vertices` in place along `directions` (d, 3)."""
-    return _springs(shell, vertices, directions, None)
+    return _springs(shell, _at_vertices(shell, vertices), directions, None)
 
 
 def hold_slope(
@@ -169,16 +199,46 @@ def hold_slope(
     `across` (v, 3) is the direction in the surface across the edge at each vertex: with
     all three directions the edge is clamped, with those in a plane of symmetry it is symmetric.
     """
-    return _springs(shell, vertices, directions, across)
+    return _springs(shell, _at_vertices(shell, vertices), directions, across)
+
+
+def hold_director(shell: ThickShell, vertices: Index, across: Array) -> SupportRows:
+    """Keep change of position and director across an edge: what a clamp holds of a thick wall.
+
+    The director turns with the slope and with the shear along `across` (v, 3); a clamped one may
+    shear if it slopes by as much the other way. Exact to the square of the shear.
+    """
+    directions = np.eye(3)
+    places, across = _with_middles(shell, vertices, across)
+    normals = shell.surface.evaluate(shell.mesh.vertices, *places).normal
+    slope = _springs(shell, places, directions, across)
+    return _merged(slope, _shear_springs(shell, places, across, -normals))
+
+
+def hold_shear(shell: Discretisation, vertices: Index, along: Array) -> SupportRows:
+    """Keep the director from shearing along `along` (v, 3), in the surface, at vertices.
+
+    As where a rigid plate is glued across the edge of a thick wall; a thin one has no shear.
+    """
+    if not isinstance(shell, ThickShell):
+        none = np.zeros(0, dtype=np.int64)
+        return SupportRows(np.zeros(1, dtype=np.int64), none, np.zeros((0, 3)), np.zeros(0))
+    places, along = _with_middles(shell, vertices, along)
+    return _shear_springs(shell, places, along, np.ones((len(along), 1)))
 
 
 def clamp(shell: Discretisation, vertices: Index, across: Array) -> list[SupportRows]:
     """Conditions of a clamped edge; `across` (3,) or (v, 3) points from it into the surface."""
     everything = np.eye(3)
-    directions = np.broadcast_to(across, (len(vertices), 3))
+    directions = np.array(np.broadcast_to(across, (len(vertices), 3)), dtype=float)
+    held = hold_position(shell, vertices, everything)
+    if not isinstance(shell, ThickShell):
+        return [held, hold_slope(shell, vertices, directions, everything)]
+    normals = shell.surface.vertex_normals(shell.mesh.vertices)[vertices]
     return [
-        hold_position(shell, vertices, everything),
-        hold_slope(shell, vertices, directions, everything),
+        held,
+        hold_director(shell, vertices, directions),
+        hold_shear(shell, vertices, np.cross(normals, directions)),
     ]
 
 
@@ -189,19 +249,97 @@ def symmetry(shell: Discretisation, vertices: Index, normal: Array) -> list[Supp
     return [
         hold_position(shell, vertices, np.asarray(normal, dtype=float)[None]),
         hold_slope(shell, vertices, across, in_plane),
+        hold_shear(shell, vertices, across),
     ]
 
 
+def _at_vertices(shell: Discretisation, vertices: Index) -> Places:
+    return Places(*vertex_parameters(shell.mesh.triangles, shell.mesh.active, vertices))
+
+
+def _with_middles(shell: ThickShell, vertices: Index, across: Array) -> tuple[Places, Array]:
+    """Where a director is held, and `across` (q, 3) there.
+
+    A wall that shears all along an edge could turn between the vertices: its edges are held in
+    their middles, too. Slopes alone would lock there, see the module docstring.
+    """
+    mesh = shell.mesh
+    places = _at_vertices(shell, vertices)
+    directions = np.array(np.broadcast_to(across, (len(vertices), 3)), dtype=float)
+    if not shell.everywhere:
+        return places, directions
+    number = np.full(len(mesh.vertices), -1, dtype=np.int64)
+    number[vertices] = np.arange(len(vertices))
+    used = np.flatnonzero(mesh.active)
+    corners = np.stack([mesh.triangles[used], np.roll(mesh.triangles[used], -1, axis=1)], axis=2)
+    sides = np.sort(corners.reshape(-1, 2), axis=1)
+    _, of, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
+    ends = number[sides]
+    at = np.flatnonzero((count[of.reshape(-1)] == 1) & np.all(ends >= 0, axis=1))
+    middles = np.array([[0.5, 0.0], [0.5, 0.5], [0.0, 0.5]])[at % 3]
+    between = directions[ends[at]].sum(axis=1)
+    between /= np.linalg.norm(between, axis=1)[:, None]
+    return (
+        Places(
+            np.concatenate([places.triangle, used[at // 3]]),
+            np.concatenate([places.parameters, middles]),
+        ),
+        np.concatenate([directions, between]),
+    )
+
+
+def _merged(one: SupportRows, other: SupportRows) -> SupportRows:
+    """Conditions that are sums: row k of both together, with the springs of `one`."""
+    row = np.concatenate([np.repeat(np.arange(len(p.stiffness)), np.diff(p.offsets))
+                          for p in (one, other)])  # fmt: skip
+    order = np.argsort(row, kind='stable')
+    return SupportRows(
+        one.offsets + other.offsets,
+        np.concatenate([one.nodes, other.nodes])[order],
+        np.concatenate([one.coefficients, other.coefficients])[order],
+        one.stiffness,
+    )
+
+
+def _shear_springs(shell: ThickShell, places: Places, along: Array, share: Array) -> SupportRows:
+    """Shear along `along` (v, 3) at each place times `share` (v, d): d conditions a place."""
+    mesh, n = shell.mesh, len(shell.mesh.vertices)
+    rows = basis_rows(mesh, *places)
+    counts = np.diff(rows.node_offsets)
+    of = np.repeat(np.arange(len(counts)), counts)
+    scale = _edge_length(shell) / float(shell.wall.mean()) * rows.values
+    unit = np.zeros((len(of), 3))
+    for i, frame in enumerate(shear_frames(shell.surface, rows.nodes.astype(np.int64))):
+        unit[:, i] = scale * np.einsum('ei,ei->e', frame, along[of])
+    count = share.shape[1]
+    order = np.argsort(np.tile(of, count) * count + np.repeat(np.arange(count), len(of)),
+                       kind='stable')  # fmt: skip
+    coefficients = (share[of].T[:, :, None] * unit[None]).reshape(-1, 3)[order]
+    return SupportRows(
+        offsets=np.concatenate([[0], np.cumsum(np.repeat(counts, count))]).astype(np.int64),
+        nodes=n + np.tile(rows.nodes.astype(np.int64), count)[order],
+        coefficients=coefficients,
+        stiffness=np.full(len(counts) * count, _spring_constant(shell)),
+    )
+
+
+def _edge_length(shell: Discretisation) -> float:
+    """What makes a length [m] of a slope: the edge of a triangle, on average."""
+    return float(np.sqrt(shell.area / max(1, int(shell.mesh.active.sum()))))
+
+
+def _spring_constant(shell: Discretisation) -> float:
+    return STIFFNESS_RATIO * float(shell.membrane[:, 0, 0].max())
+
+
 def _springs(
-    shell: Discretisation, vertices: Index, directions: Array, across: Array | None
+    shell: Discretisation, places: Places, directions: Array, across: Array | None
 ) -> SupportRows:
     mesh = shell.mesh
-    triangle, parameters = vertex_parameters(mesh.triangles, mesh.active, vertices)
-    rows = basis_rows(mesh, triangle, parameters)
-    edge_length = np.sqrt(shell.area / max(1, int(mesh.active.sum())))
-    wall = float(shell.membrane[:, 0, 0].max())
+    rows = basis_rows(mesh, *places)
+    edge_length = _edge_length(shell)
     counts = np.diff(rows.node_offsets)
-    of = np.repeat(np.arange(len(vertices)), counts)
+    of = np.repeat(np.arange(len(counts)), counts)
     weights = rows.values
     if across is not None:
         first = np.stack(
@@ -228,7 +366,7 @@ def _springs(
         offsets=np.concatenate([[0], np.cumsum(np.repeat(counts, count))]).astype(np.int64),
         nodes=np.tile(rows.nodes.astype(np.int64), count)[order],
         coefficients=coefficients,
-        stiffness=np.full(len(vertices) * count, STIFFNESS_RATIO * wall),
+        stiffness=np.full(len(counts) * count, _spring_constant(shell)),
     )
 
 

@@ -9,7 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from shell_deform.verification import plates, snap, spheres, sze, thick_balls
+from shell_deform.verification import (
+    plates,
+    snap,
+    spheres,
+    sze,
+    thick_balls,
+    thick_exact,
+    thick_limit,
+)
 from shell_deform.verification.problem import references
 
 OWN_CODE = 'verification/axisymmetric.py gives it to 2e-5'
@@ -145,6 +153,23 @@ def _solids() -> Iterator[Reference]:
             )  # fmt: skip
 
 
+def _walls() -> Iterator[Reference]:
+    exact = (
+        ('thick_square_plate', 'sag at h/L 0.1 and 0.2', 'Navier series of Reissner and Mindlin'),
+        ('thick_clamped_plate', 'sag at h/a 0.01 to 0.4', 'p a^4 / 64 D + p a^2 / 4 (5/6 G h)'),
+        ('thick_block_bent', 'moment at h/c 0.1 to 0.3', 'Rivlin 1949'),
+        ('thick_sphere_blown', 'pressure at R/h 4 and 12.5', 'incompressible neo-Hookean sphere'),
+    )
+    for name, quantity, source in exact:
+        goal = thick_exact.PLATE_GOAL if 'plate' in name else thick_exact.SOLID_GOAL
+        yield Reference(name, quantity, None, 'own', f'{source}, derived again', goal, SCORED)
+    for ratio, goal in thick_limit.GOALS.items():
+        yield Reference(
+            f'thick_thin_sphere_rh_{ratio:g}', 'dent under a patch', None, 'own',
+            'theory koiter on the same mesh', goal, SCORED,
+        )  # fmt: skip
+
+
 def reference_table() -> list[Reference]:
     """All of them, without solving anything."""
-    return [*_course(), *_sze(), *_snap(), *_spheres(), *_formulas(), *_solids()]
+    return [*_course(), *_sze(), *_snap(), *_spheres(), *_formulas(), *_walls(), *_solids()]

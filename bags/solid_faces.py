@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Balls of several R/h between two rigid pins as solids: forces and outer faces, kept in one file.
+
+What `shell_verify --group thick` compares theory `thick` with. Every ball is solved on two meshes,
+the second with all elements halved; kept is the finer one, and how much it changed.
+`python -m bags.solid_faces` solves them anew (needs ccx, about a quarter of an hour).
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from bags import axisymmetric, calculix
+from bags.axisymmetric import Ball
+from bags.calculix import Array
+from bags.solid_ball import sphere
+
+KEPT = (
+    Path(__file__).parents[1]
+    / 'ros2_ws/src/shell_deform/shell_deform/verification/solid_faces.json'
+)
+# Load steps of the solver.
+STEPS = 12
+# Nodes of the outer face that are kept: the face is smooth beyond the pin.
+KEPT_NODES = 60
+
+
+@dataclass(frozen=True)
+class Pinned:
+    """One ball: R/h, the radius of its pins [mm], the pushes [N] at which it is kept (E 1 MPa)."""
+
+    ratio: float
+    pin_radius: float
+    forces: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Level:
+    """A state [mm]: rest arc (n,) of the outer nodes, travel of the pin, where they are (n, 2)."""
+
+    arc: Array
+    travel: float
+    face: Array
+
+    def at(self, arc: Array) -> Array:
+        """(m, 2) the outer face at rest arcs (m,)."""
+        return np.asarray(CubicSpline(self.arc, self.face)(arc))
+
+
+BALLS = (
+    Pinned(12.5, 1.0, (0.1, 0.1988333, 0.3965, 0.897875, 1.12225, 1.45665)),
+    Pinned(12.5, 2.0, (0.1, 0.3965, 0.897875, 1.12225, 1.45665)),
+    Pinned(6.0, 2.0, (0.4340278, 1.7264058, 5.2822989, 7.2764757)),
+    Pinned(8.0, 2.0, (0.2246094, 0.9503164, 2.7763062, 3.9029999, 4.5224457)),
+    Pinned(25.0, 1.0, (0.0199125, 0.0750925, 0.1384156, 0.189125, 0.2877)),
+)
+
+
+def ball_of(pinned: Pinned) -> Ball:
+    """The ball between rigid pins, on the coarser mesh."""
+    return replace(sphere(pinned.ratio), pin='rigid', pin_radius=pinned.pin_radius)
+
+
+def finer(ball: Ball) -> Ball:
+    """The same with every element halved."""
+    middles = [0.5 * (a + b) for a, b in pairwise(ball.across)]
+    return replace(
+        ball,
+        across=tuple(sorted([*ball.across, *middles])),
+        pin_elements=2 * ball.pin_elements,
+        growth=float(np.sqrt(ball.growth)),
+        coarsest=0.5 * ball.coarsest,
+    )
+
+
+def solve(ball: Ball, forces: tuple[float, ...]) -> list[Level]:
+    """Its states under the pushes, as far as the solver comes; on the way in steps it can take."""
+    between = [f for f in np.linspace(0.0, forces[-1], STEPS + 1)[1:]
+               if np.min(np.abs(f - np.array(forces))) > 0.2 * forces[-1] / STEPS]  # fmt: skip
+    way = np.sort([*forces, *between])
+    found = axisymmetric.solve(ball, way, np.zeros(len(way)), timeout=1500.0, partial=True)
+    outer = found.mesh.outer - 1
+    rest = found.mesh.positions[outer]
+    arc = np.arctan2(rest[:, 0], rest[:, 1]) * ball.outer_radius
+    travel = found.outer_displacement()
+    return [
+        Level(arc, float(travel[k]), found.positions[k][outer])
+        for k in np.searchsorted(way, forces)
+        if k < len(found.positions)
+    ]
+
+
+def record(pinned: Pinned) -> dict[str, object]:
+    """One ball on the finer mesh, or where that folds under the pin on the coarser one, SI."""
+    ball = ball_of(pinned)
+    coarse, fine = solve(ball, pinned.forces), solve(finer(ball), pinned.forces)
+    nodes = fine[0].arc
+    arc = nodes[np.unique(np.linspace(0, len(nodes) - 1, KEPT_NODES).round().astype(int))]
+    levels: list[dict[str, object]] = []
+    for k, force in enumerate(pinned.forces[: max(len(coarse), len(fine))]):
+        level = fine[k] if k < len(fine) else coarse[k]
+        kept: dict[str, object] = {
+            'travel_m': round(1e-3 * level.travel, 9),
+            'force_n': force,
+            'face_m': np.round(1e-3 * level.at(arc), 8).tolist(),
+        }
+        if k < min(len(coarse), len(fine)):
+            distance = np.linalg.norm(coarse[k].at(arc) - fine[k].at(arc), axis=1)
+            kept['refining_moved_pin_m'] = round(1e-3 * (fine[k].travel - coarse[k].travel), 9)
+            kept['refining_moved_face_m'] = round(1e-3 * float(np.quantile(distance, 0.95)), 9)
+        levels.append(kept)
+    return {
+        'radius_over_thickness': pinned.ratio,
+        'middle_radius_m': round(1e-3 * (ball.outer_radius - 0.5 * ball.thickness), 9),
+        'thickness_m': round(1e-3 * ball.thickness, 9),
+        'pin_radius_m': 1e-3 * ball.pin_radius,
+        'young_modulus_pa': 1e6 * ball.young_modulus,
+        'poisson_ratio': ball.poisson_ratio,
+        'arc_m': np.round(1e-3 * arc, 9).tolist(),
+        'levels': levels,
+    }
+
+
+def main() -> None:
+    """Solve and keep."""
+    kept = {
+        'source': f'CalculiX CrunchiX {calculix.solver_version()}, CAX8R, axisymmetric '
+        'neo-Hookean solid, all outer nodes within the rest arc of the pin moved alike along the '
+        'axis; made by bags/solid_faces.py',
+        'refined': 'solved with all elements halved, too: what is kept, and how much it moved',
+    }
+    balls = []
+    for pinned in BALLS:
+        print(f'R/h {pinned.ratio:g} under {pinned.pin_radius:g} mm', flush=True)
+        balls.append(record(pinned))
+        print([level.get('refining_moved_pin_m') for level in balls[-1]['levels']], flush=True)
+    KEPT.write_text(json.dumps({**kept, 'balls': balls}) + '\n')
+
+
+if __name__ == '__main__':
+    main()

@@ -22,15 +22,18 @@ KEPT = (
 PLATE_ELEMENTS = 40
 # CalculiX turns axisymmetric elements into a wedge of two degrees and prints the forces on it.
 WEDGES = 180
-# Contact stiffness [MPa/mm]: it lets less than 1e-4 mm of overclosure through here.
-CONTACT_STIFFNESS = 1e5
+# Contact stiffness over Young's modulus [1/mm]: less than 1e-3 mm of overclosure gets through.
+CONTACT_STIFFNESS = 1e2
 # The same along the plates while points stick.
-STICK_STIFFNESS = 1e4
+STICK_STIFFNESS = 1e1
 
 
 @dataclass(frozen=True)
 class Squeezed:
-    """The upper half of a hollow sphere (mm, MPa): middle radius, wall, material, mesh."""
+    """The upper half of a hollow sphere (mm, MPa): middle radius, wall, material, mesh.
+
+    `rubber`: neo-Hookean instead of linear in the logarithm of the strain.
+    """
 
     radius: float = 50.0
     thickness: float = 1.0
@@ -39,6 +42,11 @@ class Squeezed:
     along: int = 160
     across: int = 2
     friction: float = 0.0
+    rubber: bool = False
+
+
+# The mission's ball as a solid, without its air.
+THICK = Squeezed(31.25, 2.5, 1.0, 0.49, along=240, across=6, rubber=True)
 
 
 def deck(ball: Squeezed, depths: np.ndarray) -> str:
@@ -82,15 +90,22 @@ def deck(ball: Squeezed, depths: np.ndarray) -> str:
         '*ELEMENT,TYPE=CAX4,ELSET=PLATE',
         calculix.element_lines(plate, start),
         calculix.set_lines('PLATE', 'N', range(first, len(nodes) + 1)),
-        f'*MATERIAL,NAME=WALL\n*ELASTIC\n{ball.young_modulus},{ball.poisson_ratio}',
+        '*MATERIAL,NAME=WALL',
+        calculix.neo_hooke(ball.young_modulus, ball.poisson_ratio)
+        if ball.rubber
+        else f'*ELASTIC\n{ball.young_modulus},{ball.poisson_ratio}',
         f'*MATERIAL,NAME=STIFF\n*ELASTIC\n{1e4 * ball.young_modulus},0.3',
         '*SOLID SECTION,ELSET=WALL,MATERIAL=WALL',
         '*SOLID SECTION,ELSET=PLATE,MATERIAL=STIFF',
         '*SURFACE,NAME=OUTER\n' + '\n'.join(f'{k},S3' for k in outer),
         '*SURFACE,NAME=FACE\n' + '\n'.join(f'{start + i},S1' for i in range(PLATE_ELEMENTS)),
         '*SURFACE INTERACTION,NAME=TOUCH\n*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR',
-        f'{CONTACT_STIFFNESS},0.',
-        *([f'*FRICTION\n{ball.friction},{STICK_STIFFNESS}'] if ball.friction else []),
+        f'{CONTACT_STIFFNESS * ball.young_modulus},0.',
+        *(
+            [f'*FRICTION\n{ball.friction},{STICK_STIFFNESS * ball.young_modulus}']
+            if ball.friction
+            else []
+        ),
         '*CONTACT PAIR,INTERACTION=TOUCH,TYPE=SURFACE TO SURFACE\nOUTER,FACE',
         '*BOUNDARY\nPLATE,1,1',
         *(f'{node},2,2' for node in equator),

@@ -44,6 +44,8 @@ EXEMPT = {
             f'{SHELL}/live/tick/fusion_kernel.py::_solve',
             f'{SHELL}/live/tick/serve_kernel.py::_serve',
             f'{SHELL}/theory/kernels.py::point_strains',
+            f'{SHELL}/assemble/thick_face_kernels.py::face_bends',
+            f'{SHELL}/assemble/thick_face_kernels.py::face_points',
             f'{SHELL}/assemble/thick_kernels.py::_set_reach',
             f'{SHELL}/assemble/thick_kernels.py::thick_tangent',
             f'{SHELL}/assemble/thick_kernels.py::wall_point',

@@ -201,7 +201,7 @@ def _refuse_misplaced(
     if contact.finger is not None and contact.finger.towards is not None:
         assert patch.body is not None
         pose = patch.body.posed(0.0, np.zeros(6))
-        face = model.outer_face.positions(model.rest)
+        face = model.outer_face.positions(model.start)
         inside = -float(pose.distance(patch.body.shape, face).value.min())
     if inside > wall:
         raise ObjectError(

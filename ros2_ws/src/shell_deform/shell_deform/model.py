@@ -22,6 +22,7 @@ from shell_deform.contact.contact_field import WallStiffness, wall_stiffness
 from shell_deform.contact.loads import ContactPatch, LoadError, contact_patch
 from shell_deform.contact.outer_face import OuterFace, outer_face
 from shell_deform.contact.pads import Pad
+from shell_deform.contact.thick_face import ThickFace, thick_face
 from shell_deform.supports import (
     SupportRows,
     free_rigid_modes,
@@ -103,9 +104,10 @@ class ShellModel:
 
     @cached_property
     def held(self) -> SupportRows | None:
-        """Supports, then grips: all springs; None for a free body."""
+        """Supports, then grips: all springs in the unknowns of the shell; None for a free body."""
         parts = [] if self.supports is None else [self.supports]
-        return joined([*parts, *(grip.rows for grip in self.grips)])
+        rows = joined([*parts, *(grip.rows for grip in self.grips)])
+        return None if rows is None else rows.on(self.shell)
 
     def held_target(self, motion: Array) -> Array | None:
         """Where all springs are moved to [m] by the grips' `motion` (g, 6), None for nowhere."""
@@ -133,20 +135,31 @@ class ShellModel:
     def on_contacts(self, contacts: Sequence[ContactPatch]) -> ShellModel:
         """This model where the contacts of a load case are part of the discretisation.
 
-        A thick wall carries its pins as unknowns of its own; other walls stay as they are. Raises
-        LoadError for pads, which press on thin walls only.
+        A thick wall carries its pins as unknowns of its own, and shears where bodies touch it;
+        other walls stay as they are. Raises LoadError for a plate on an open thick wall, whose
+        end it does not know.
         """
         if not isinstance(self.shell, ThickShell):
             return self
-        if any(contact.pad is not None or contact.body is not None for contact in contacts):
-            raise LoadError('theory thick takes pins; choose theory koiter for pads')
-        stamps = [Stamp(contact.point, contact.axis, contact.radius) for contact in contacts]
-        shell = self.shell.with_stamps(stamps)
+        if any(contact.slides for contact in contacts) and not self.shell.mesh.is_closed:
+            raise LoadError(
+                'theory thick knows the outer face of an open wall, not its end, which a plate '
+                'may press on; choose theory koiter'
+            )
+        pins: list[Stamp] = []
+        bodies: list[Stamp] = []
+        for contact in contacts:
+            rigid = contact.pad is not None or contact.body is not None
+            place = Stamp(contact.point, contact.axis, contact.radius)
+            (bodies if rigid else pins).append(place)
+        shell = self.shell.with_stamps(pins, bodies)
         return self if shell is self.shell else replace(self, shell=shell)
 
     @cached_property
-    def outer_face(self) -> OuterFace:
-        """Where rigid bodies may touch a thin wall."""
+    def outer_face(self) -> OuterFace | ThickFace:
+        """Where rigid bodies may touch the wall."""
+        if isinstance(self.shell, ThickShell):
+            return thick_face(self.shell)
         return outer_face(self.shell)
 
     @cached_property
@@ -192,6 +205,10 @@ class ShellModel:
         body = Body(shape, pad.apex, frame_of(pad.axis), pad.axis, friction)
         return replace(patch, pad=None, body=body)
 
+    def taken(self, patch: ContactPatch) -> ContactPatch:
+        """A contact as this wall takes it: on the face of a thick one a pad is a body."""
+        return self.with_friction(patch, 0.0) if self.theory == THICK else patch
+
     def touched_by(
         self,
         shape: Shape,
@@ -224,7 +241,7 @@ class ShellModel:
         way. Raises BodyError where it misses the object or starts inside it.
         """
         axis = np.asarray(towards, dtype=float) / np.linalg.norm(towards)
-        away = self.outer_face.positions(self.rest) - at
+        away = self.outer_face.positions(self.start) - at
         height = away @ axis
         ahead = np.linalg.norm(away - height[:, None] * axis, axis=1) <= radius
         if not ahead.any():
@@ -236,7 +253,7 @@ class ShellModel:
                 'where it only touches, or let it move the other way'
             )
         origin = np.asarray(at, dtype=float) + first * axis
-        nearest = self.outer_face.positions(self.rest)[ahead][int(np.argmin(height[ahead]))]
+        nearest = self.outer_face.positions(self.start)[ahead][int(np.argmin(height[ahead]))]
         patch, _ = self._first_touched(nearest, radius)
         body = Body(RoundBar(float(radius)), origin, frame_of(axis), axis, friction)
         return replace(patch, axis=axis, body=body, slides=True)

@@ -75,7 +75,8 @@ class ThickShell(Discretisation):
         material: of the wall. basis: quadrature, split under the stamps. wall: (n,) thickness.
         stamps: the pins. sheared: (m,) control vertices with shear.
         pressed: what the pins touch. elements: all unknowns of each element.
-        everywhere: whether every vertex has shear.
+        everywhere: whether every vertex has shear. bodies: where others than pins may touch: the
+            wall shears there, too.
     """
 
     material: Material
@@ -86,6 +87,7 @@ class ThickShell(Discretisation):
     pressed: StampPoints
     elements: ElementUnknowns
     everywhere: bool
+    bodies: tuple[Stamp, ...] = ()
 
     def stiffened(self, factor: float) -> ThickShell:
         """The same shell with `factor` times the modulus; pressures are unknowns over E / h."""
@@ -96,15 +98,12 @@ class ThickShell(Discretisation):
             material=replace(self.material, young_modulus=factor * self.material.young_modulus),
         )
 
-    def with_stamps(self, stamps: Sequence[Stamp]) -> ThickShell:
-        """The same wall under other pins."""
-        same = len(stamps) == len(self.stamps) and all(
-            a.like(b) for a, b in zip(stamps, self.stamps, strict=True)
-        )
-        if same:
+    def with_stamps(self, stamps: Sequence[Stamp], bodies: Sequence[Stamp] = ()) -> ThickShell:
+        """The same wall under other pins, and where other bodies may touch it."""
+        if _alike(stamps, self.stamps) and _alike(bodies, self.bodies):
             return self
         return thick_shell(
-            self.mesh, self.material, self.wall, stamps, self.everywhere, self.threads
+            self.mesh, self.material, self.wall, stamps, self.everywhere, self.threads, bodies
         )
 
     # ---- unknowns
@@ -449,6 +448,7 @@ def thick_shell(
     stamps: Sequence[Stamp] = (),
     everywhere: bool = False,
     threads: int = THREADS,
+    bodies: Sequence[Stamp] = (),
 ) -> ThickShell:
     """Discretise the limit surface of `mesh` as a thick wall of `thickness` [m] under pins.
 
@@ -468,14 +468,20 @@ def thick_shell(
     if everywhere:
         sheared = np.unique(mesh.triangles[mesh.active]).astype(np.int64)
     else:
-        sheared = sheared_vertices(base, surface, points, stamps)
+        sheared = sheared_vertices(base, surface, points, (*stamps, *bodies))
     pressed = stamp_points(base, surface, points, stamps)
     own = {name: getattr(base, name) for name in base.__dataclass_fields__ if name != 'threads'}
     return ThickShell(
         **own, threads=threads, material=material, basis=basis, wall=wall,
         stamps=stamps, sheared=sheared, pressed=pressed, everywhere=everywhere,
+        bodies=tuple(bodies),
         elements=element_unknowns(base, surface, sheared, pressed, float(np.mean(wall))),
     )  # fmt: skip
+
+
+def _alike(some: Sequence[Stamp], others: Sequence[Stamp]) -> bool:
+    """Whether both lists name the same places."""
+    return len(some) == len(others) and all(a.like(b) for a, b in zip(some, others, strict=True))
 
 
 def _refuse_folded(shell: Discretisation, points: Array) -> None:

@@ -28,6 +28,7 @@ from shell_deform.compiled.cache import HAVE_NUMBA, cache_folder, kernel_sources
 COMMON = ('shell_deform.compiled.kernel_arrays', 'shell_deform.factor.blas')
 KERNELS = (
     'shell_deform.assemble.thick_held_kernels',
+    'shell_deform.assemble.thick_face_kernels',
     'shell_deform.factor.fronts',
     'shell_deform.assemble.held_kernels',
     'shell_deform.factor.symbolic',

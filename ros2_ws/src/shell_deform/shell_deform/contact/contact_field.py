@@ -16,17 +16,51 @@ doi:10.1002/nme.1620362005.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.assemble.discretisation import Discretisation
 from shell_deform.contact.bodies import Body, Distance, Pose
 from shell_deform.contact.depth_of_force import depth_of_force
-from shell_deform.contact.outer_face import FacePoints, OuterFace
+from shell_deform.contact.outer_face import FacePoints
+from shell_deform.contact.thick_face import ThickFacePoints
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+
+
+class Face(Protocol):
+    """What bodies touch, an `OuterFace` or a `ThickFace`; positions are all unknowns (N, 3)."""
+
+    @property
+    def shell(self) -> Discretisation:
+        """The shell whose face it is."""
+
+    @property
+    def weights(self) -> Array:
+        """(p,) undeformed area of each point [m^2]."""
+
+    @property
+    def element(self) -> Index:
+        """(p,) element of each point."""
+
+    def positions(self, control: Array) -> Array:
+        """(p, 3) all points [m]."""
+
+    def at(self, control: Array, points: Index) -> Any:
+        """The chosen points with their derivatives."""
+
+    def forces(self, face: Any, force: Array) -> Array:
+        """(N, 3) what forces (p, 3) [N] at the chosen points do on the unknowns."""
+
+    def blocks(self, face: Any, stiffness: Array, force: Array) -> Array:
+        """Second derivative of a potential of the places, by what these depend on."""
+
+    def add(self, face: Any, blocks: Array, data: Array) -> None:
+        """Add blocks to the values of the shell's pattern."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +90,7 @@ class Touch:
 
     body: int
     pose: Pose
-    face: FacePoints
+    face: FacePoints | ThickFacePoints
     pressure: Array
     friction: Array
     sticking: Flags
@@ -128,7 +162,7 @@ class ContactField:
     bodies: tuple[Body, ...]
     contacts: Index
     driven: Flags
-    face: OuterFace
+    face: Face
     stiffness: Array
     slip_stiffness: Array
     memory: Memory
@@ -292,7 +326,7 @@ class WallStiffness:
     along: Array
 
 
-def wall_stiffness(face: OuterFace) -> WallStiffness:
+def wall_stiffness(face: Face) -> WallStiffness:
     """Of the half wall of an undeformed shell, at the points of its outer face and its edges."""
     shell = face.shell
     first = shell.point_offsets[:-1][face.element]
@@ -302,7 +336,7 @@ def wall_stiffness(face: OuterFace) -> WallStiffness:
 
 
 def contact_field(
-    face: OuterFace,
+    face: Face,
     wall: WallStiffness,
     bodies: dict[int, Body],
     driven: Flags,

@@ -64,7 +64,7 @@ class Borders:
         if self.field is None:
             return self
         still = np.zeros((len(here.force), 6)) if here.motion is None else here.motion
-        field = self.field.started(here.memory, here.positions, here.displacement, still)
+        field = self.field.started(here.memory, here.unknowns, here.displacement, still)
         return replace(self, field=field)
 
 
@@ -84,7 +84,8 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
         dead[: len(case.dead_load)] += case.dead_load
     for i, contact in enumerate(contacts):
         if not case.padded[i]:
-            push[:, i], measure[:, i] = pin_rows(model, i, contact)
+            pin = i - int(case.padded[:i].sum())
+            push[:, i], measure[:, i] = pin_rows(model, pin, contact)
             pattern[:, i] = contact.force_pattern(contact.axis).reshape(-1)
         if case.held and not contact.slides and not _rubs(contact):
             held.extend(_padded(row, count) for row in contact.held_rows())

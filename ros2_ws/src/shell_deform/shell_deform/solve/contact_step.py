@@ -53,8 +53,8 @@ class ContactStep:
 
     def run(self, here: Equilibrium, guess: Array | None = None) -> Equilibrium:
         """The state under the loads, or `here`, not converged, with the reason."""
-        positions = here.positions if guess is None else guess
-        self._free = (positions - self._model.rest).reshape(-1)
+        positions = here.unknowns if guess is None else guess
+        self._free = (positions - self._model.start).reshape(-1)
         depth = self._field.start(self._loads.moved, here.displacement)
         press = self._press(depth)
         if guess is None and self._carried(here, press):
@@ -93,7 +93,7 @@ class ContactStep:
 
     @property
     def _positions(self) -> Array:
-        return self._model.rest + self._free.reshape(-1, 3)
+        return self._model.start + self._free.reshape(-1, 3)
 
     def _iterate(self, press: Press) -> str:
         """Iterate to the end; why there was none, or nothing."""
@@ -165,7 +165,7 @@ class ContactStep:
         depth = pressed.follow(press, step) - press.depth
         before = float((self._fixed_push - gradient) @ step + press.missing @ depth)
         for _ in range(MOST_CUTS):
-            self._free = start + share * step
+            self._free = self._with_pressures(start + share * step)
             now = self._press(press.depth + share * depth)
             residual, gradient = self._residual(now)
             after = float((self._fixed_push - gradient) @ step + now.missing @ depth)
@@ -178,6 +178,12 @@ class ContactStep:
                 break
             share *= max(SMALLEST_CUT, before / (before - after))
         return now, residual, gradient
+
+    def _with_pressures(self, free: Array) -> Array:
+        """The motion with the pressures under pins that a thick wall finds in whole steps."""
+        positions = self._model.start + free.reshape(-1, 3)
+        settled = self._model.shell.settled(positions)
+        return free if settled is positions else (settled - self._model.start).reshape(-1)
 
     def _residual(self, press: Press) -> tuple[float, Array]:
         """Unbalanced force over the loads, and the gradient (N,) it comes from."""
@@ -203,14 +209,15 @@ class ContactStep:
         return self._last, gradient
 
     def _state(self) -> Equilibrium:
-        edge, press = self._edge, self._final
+        edge, press, count = self._edge, self._final, len(self._model.rest)
         force, depth = self._pushes.copy(), edge.measure.T @ self._free
         contacts = self._field.contacts
         force[contacts], depth[contacts] = press.force[contacts], press.depth[contacts]
         return Equilibrium(
             converged=True,
             message='',
-            positions=self._positions,
+            positions=self._positions[:count],
+            wall=self._positions[count:],
             force=force,
             displacement=depth,
             multipliers=self._border[int(edge.driven.sum()) :],
@@ -220,9 +227,9 @@ class ContactStep:
             residual=self._last,
             iterations=self._iterations,
             factorisations=self._factorisations,
-            dead_load=self._loads.dead,
+            dead_load=self._loads.dead[: 3 * count],
             grip_motion=self._loads.grip_motion,
-            pad_load=-press.gradient.reshape(-1),
+            pad_load=-press.gradient[:count].reshape(-1),
             pressed_points=tuple(len(touch.pressure) for touch in press.touches),
             touches=press.touches,
             memory=self._field.remembered(press, self._positions),

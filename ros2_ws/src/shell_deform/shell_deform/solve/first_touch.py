@@ -43,8 +43,9 @@ def first_touch(
         if contact.pad is None and contact.body is None:
             depth[k] = float(np.sum(contact.displacement_row() * moved))
             continue
+        rigid = model.taken(contact)
         for _ in range(STEPS):
-            value, normal = _clearance(model, contact, alone.positions, float(depth[k]))
+            value, normal = _clearance(solver.model, rigid, alone.unknowns, float(depth[k]))
             nearest = int(np.argmin(value))
             step = float(value[nearest] / max(normal[nearest] @ contact.axis, 0.1))
             depth[k] += step

@@ -41,6 +41,7 @@ class EquilibriumSolver(StepSolver):
 
     def solve(self, case: LoadCase, start: Equilibrium | None = None) -> Equilibrium:
         """Equilibrium under `case`, from `start` (default: rest), by as few steps as converge."""
+        case = replace(case, contacts=tuple(map(self.model.taken, case.contacts)))
         self.take(self.model.on_contacts(case.contacts))
         if is_linear(self.model.theory) and not case.padded.any():
             return self._solve_linear(case)
@@ -261,6 +262,6 @@ class EquilibriumSolver(StepSolver):
             tangent = pressed_tangent(tangent, edge.pads, press)
         if edge.field is not None:
             motion = np.zeros((len(state.force), 6)) if state.motion is None else state.motion
-            touch = edge.field.press(state.positions, state.displacement, state.force, motion)
+            touch = edge.field.press(state.unknowns, state.displacement, state.force, motion)
             tangent = touched_tangent(tangent, edge.field, touch)
         return negative_directions(self.system(tangent, symmetric), symmetric)

@@ -86,6 +86,10 @@ class Discretisation(ShellPoints):
         """Unknowns of this shell at a state of `other`, another discretisation of the same one."""
         return positions
 
+    def lost_place(self, positions: Array) -> Array | None:
+        """Where (3,) [m] of the undeformed wall it has no equilibrium; None where all has."""
+        return None
+
     def settled(self, positions: Array) -> Array:
         """The unknowns with what is found point by point brought up to date after a step."""
         return positions

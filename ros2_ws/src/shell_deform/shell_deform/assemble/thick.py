@@ -296,6 +296,17 @@ class ThickShell(Discretisation):
         )
         return result
 
+    def lost_place(self, positions: Array) -> Array | None:
+        """The first place (3,) [m] of the undeformed surface whose wall has no equilibrium."""
+        middle = self.value_matrix() @ self.mesh.vertices
+        points = np.arange(len(self.weights))
+        for part in np.array_split(points, max(1, len(points) // 100)):
+            if self.point_states(positions, part) is None:
+                for point in part:
+                    if self.point_states(positions, part[part == point]) is None:
+                        return np.asarray(middle[point])
+        return None
+
     def point_states(self, positions: Array, points: Index) -> Array | None:
         """(c, 17) of the points (c,), see `thick_kernels.point_states`; None where one fails."""
         self._refuse_others(positions)

@@ -106,7 +106,7 @@ class ContactStep:
                     break
                 tangent = self._tangent(press)
                 if not np.all(np.isfinite(tangent.gradient)):
-                    return 'the surface folded onto itself'
+                    return self._solver.folded(self._positions)
                 gradient, pressed = tangent.gradient, press
                 self._factorisations += 1
                 try:
@@ -118,7 +118,7 @@ class ContactStep:
                 return why
             press, residual, gradient = self._along(step, gradient, pressed, press)
             if not np.isfinite(residual):
-                return 'the surface folded onto itself'
+                return self._solver.folded(self._positions)
             largest = float(np.abs(step).max(initial=0.0))
             balanced = residual < options.tolerance + self._noise or (
                 largest < options.settled_move * self._wall and residual < options.chord_residual

@@ -240,7 +240,7 @@ class StepSolver:
         if borders.pads is not None and now.press is not None:
             tangent = pressed_tangent(tangent, borders.pads, now.press)
         if not np.all(np.isfinite(tangent.gradient)):
-            raise StepLost(FOLDED)
+            raise StepLost(self.folded(now.positions))
         return replace(now, gradient=tangent.gradient), tangent
 
     def _correction(
@@ -315,7 +315,7 @@ class StepSolver:
         settled = small and residual < options.chord_residual
         balanced = residual < options.tolerance + noise / scale or settled
         if not np.isfinite(residual):
-            raise StepLost(FOLDED)
+            raise StepLost(self.folded(now.positions))
         return Judgement(residual, balanced)
 
     def _equilibrium(
@@ -358,6 +358,13 @@ class StepSolver:
         """Force [N] of the supports on the surface moved by (n, 3), towards `target`."""
         held = self.model.held
         return 0.0 if held is None else float(np.linalg.norm(held.force(moved, target)))
+
+    def folded(self, positions: Array) -> str:
+        """Why all unknowns `positions` have no energy, and where a thick wall lost its own."""
+        place = self.model.shell.lost_place(positions)
+        if place is None:
+            return FOLDED
+        return f'{FOLDED}: its wall has no equilibrium at {np.round(1e3 * place, 2).tolist()} mm'
 
     def noise_force(self, free: Array) -> float:
         """Force [N] that round-off leaves unbalanced at displacements (N,)."""

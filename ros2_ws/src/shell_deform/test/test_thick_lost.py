@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A thick wall that cannot be: typed results with the place and the last good state, never NaN."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from shell_deform.assemble.stamps import WallError
+from shell_deform.assemble.thick import thick_shell
+from shell_deform.building import build_model, object_contacts, with_material
+from shell_deform.objects import load_object
+from shell_deform.solve.equilibrium import displaced
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.theory.material import Material
+
+THICKNESS = 2.5e-3
+
+
+@pytest.fixture(scope='module')
+def mesh():
+    return build_model(load_object('tennis_ball'), control_vertices=100).shell.mesh
+
+
+@pytest.fixture(scope='module')
+def shell(mesh):
+    return thick_shell(mesh, Material(1e6, 0.49), THICKNESS, everywhere=True)
+
+
+@pytest.mark.parametrize('share', [2.05, 3.0])
+def test_a_wall_thicker_than_twice_the_radius_is_refused_with_its_place(mesh, share):
+    radius = float(np.linalg.norm(mesh.vertices, axis=1).mean())
+    with pytest.raises(WallError, match=r'centre of curvature.* at \[.*thinner wall'):
+        thick_shell(mesh, Material(1e6, 0.49), share * radius)
+
+
+def test_a_wall_turned_inside_out_says_where(shell):
+    """One control point pulled far through the ball: there the wall has no equilibrium."""
+    state = shell.start.copy()
+    state[0] = -1.5 * state[0]
+    energy, gradient = shell.gradient('thick', state)
+    if np.isfinite(energy):
+        assert np.all(np.isfinite(gradient))
+        return
+    place = shell.lost_place(state)
+    assert place is not None
+    assert np.linalg.norm(place - shell.mesh.vertices[0]) < 0.03
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@given(seed=st.integers(0, 2**32 - 1), size=st.floats(1e-6, 2.0), shear=st.floats(0.0, 20.0))
+def test_any_state_has_an_energy_or_a_place_where_it_has_none(shell, seed, size, shear):
+    rng = np.random.default_rng(seed)
+    n = len(shell.mesh.vertices)
+    state = shell.start.copy()
+    state[:n] *= 1.0 + size * rng.normal(size=(n, 3))
+    state[n:, :2] = shear * THICKNESS * rng.normal(size=(len(state) - n, 2))
+    energy, gradient = shell.gradient('thick', state)
+    if np.isfinite(energy):
+        assert np.all(np.isfinite(gradient))
+        assert shell.lost_place(state) is None
+    else:
+        assert np.all(np.isnan(gradient))
+        assert np.linalg.norm(shell.lost_place(state)) == pytest.approx(0.03125, rel=0.02)
+
+
+def test_a_travel_that_no_wall_can_take_ends_with_the_last_good_state():
+    """Two pins driven towards each other, beyond the middle of the ball."""
+    ball = with_material(load_object('tennis_ball'), young_modulus=1e6, poisson_ratio=0.49,
+                         gas_kind='none')  # fmt: skip
+    model = build_model(ball, 'thick', control_vertices=200)
+    pins = object_contacts(ball, model, 2e-3)
+    solver = EquilibriumSolver(model)
+    good = solver.solve(displaced(pins, [1e-3, 1e-3]))
+    lost = solver.solve(displaced(pins, [80e-3, 80e-3]), good)
+    assert good.converged
+    for state in (good, lost):
+        assert np.all(np.isfinite(state.positions)) and np.all(np.isfinite(state.force))
+        assert np.isfinite(state.energy)
+    assert not lost.converged
+    assert lost.message and 0.0 <= lost.load_fraction < 1.0
+    assert np.all(lost.displacement >= 1e-3 - 1e-9)

@@ -64,11 +64,15 @@ class MapRequest:
 
 @dataclass(frozen=True)
 class Workplace:
-    """What all grasps of a map share: object, model, solver, and the surface to sample."""
+    """What all grasps of a map share: object, model, solvers, and the surface to sample.
+
+    `judge` counts negative modes as well: of the last state alone, they cost as much as a step.
+    """
 
     shell: ShellObject
     model: ShellModel
     solver: EquilibriumSolver
+    judge: EquilibriumSolver
     points: Array
     triangles: NDArray[np.int64]
 
@@ -81,8 +85,9 @@ def workplace(object_name: str, vertices: int, theory: str) -> Workplace:
     mesh = model.shell.mesh
     points = model.surface.limit_positions(model.rest)
     triangles = np.asarray(mesh.triangles[mesh.active], np.int64)
-    solver = EquilibriumSolver(model, NewtonOptions(stability=True))
-    return Workplace(shell, model, solver, points, triangles)
+    solver = EquilibriumSolver(model)
+    judge = EquilibriumSolver(model, NewtonOptions(stability=True))
+    return Workplace(shell, model, solver, judge, points, triangles)
 
 
 def map_grasp(request: MapRequest, number: int) -> dict[str, Any]:
@@ -105,7 +110,8 @@ def map_grasp(request: MapRequest, number: int) -> dict[str, Any]:
     for share in np.linspace(0.0, 1.0, STEPS + 1)[1:]:
         values = np.full(len(pins), share * (request.depth or request.force))
         case = displaced(pins, values) if request.depth else forced(pins, values)
-        found = place.solver.solve(case, states[-1] if states else None)
+        solver = place.solver if share < 1.0 else place.judge
+        found = solver.solve(case, states[-1] if states else None)
         if not found.converged:
             return {**result, 'failed': found.message}
         states.append(found)

@@ -60,7 +60,7 @@ def ring_of_points(share):
     )
 
 
-@pytest.mark.parametrize(('share', 'warned'), [(0.5, False), (0.8, False), (0.9, True)])
+@pytest.mark.parametrize(('share', 'warned'), [(0.5, False), (0.75, False), (0.85, True)])
 def test_the_slip_warning_comes_before_the_last_tenth_of_the_torque(share, warned):
     found = friction_share([ring_of_points(share)], [0.4], np.zeros(3), np.array([0.0, 0.0, 1.0]))
     assert found.capacity == pytest.approx(12 * 0.5 * 0.4 * 3.0 * 2.0)

@@ -25,7 +25,8 @@ def build_parser() -> argparse.ArgumentParser:
         prog='grasp_report',
         description='Solve the loads of a recorded grasp by linear, paper and koiter theory, hold '
         'the deformed surfaces against its scans, and write results.json, table.csv, samples.csv, '
-        'report.html and pictures.',
+        'report.html and pictures. A bag with the poses of a grip (grip/NAME/pose) gives torque '
+        'against angle with the slip warning instead: turning.json, turning.csv, turning.html.',
         epilog='Instead of a bag, a published table (bags/published/table1.yaml): what its forces '
         'and displacements say of the modulus, the air and the theories, as table_one.html and '
         'table_one.json. The same bag gives the same bytes. With several bags or a grid each run '
@@ -109,10 +110,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if tables:
             return _published(options)
-        return _many(options) if several else _one(options)
+        if several:
+            return _many(options)
+        return _one(options) if not _turns(options) else 0
     except BagError as error:
         complain('grasp_report', error)
         return 1
+
+
+def _turns(options: argparse.Namespace) -> bool:
+    """Report a bag that holds the poses of a grip; False for any other."""
+    from grasp_replay.turning import is_turn, solve_turn
+
+    if not is_turn(options.bags[0]):
+        return False
+    turn = solve_turn(options.bags[0], options.object)
+    from grasp_replay.turning_page import sentences, write_turn
+
+    page = write_turn(turn, options.out)
+    if options.json:
+        print(json.dumps(turn, indent=1, allow_nan=False))
+    else:
+        say('\n'.join(sentences(turn)))
+        print(page)
+    if turn['message']:
+        # What converged has been written: the end comes last.
+        raise BagError(turn['message'])
+    return True
 
 
 def _one(options: argparse.Namespace) -> int:

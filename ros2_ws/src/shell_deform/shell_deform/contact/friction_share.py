@@ -13,9 +13,9 @@ from shell_deform.contact.contact_field import Touch
 
 Array = NDArray[np.float64]
 
-WARN_FROM = 0.85
-"""Fingers that give more than this share of their friction are about to slip: a warning comes
-before the last tenth of the torque."""
+WARN_FROM = 0.8
+"""Fingers that give more than this share of their friction are about to slip: the warning comes
+before the last tenth of the torque, also where samples are a tenth of it apart."""
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ class Squeezed:
 
 
 # The mission's ball as a solid, without its air.
-THICK = Squeezed(31.25, 2.5, 1.0, 0.49, along=240, across=6, rubber=True)
+THICK = Squeezed(31.25, 2.5, 1.0, 0.49, along=120, across=4, rubber=True)
 
 
 def deck(ball: Squeezed, depths: np.ndarray) -> str:
@@ -131,22 +131,27 @@ def solve(ball: Squeezed, depths: np.ndarray) -> list[float]:
     return found
 
 
-def main() -> None:
-    """Solve and keep."""
-    ball = Squeezed()
-    depths = ball.thickness * np.array([0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5])
+def keep(ball: Squeezed, shares: list[float], path: Path) -> None:
+    """Solve at these depths over the wall and keep."""
+    depths = ball.thickness * np.array(shares)
     forces = solve(ball, depths)
     kept = {
         'what': 'hollow sphere between two rigid flat plates without friction; depth of one plate',
         'source': f'CalculiX CrunchiX {calculix.solver_version()}, CAX8R, contact, NLGEOM',
-        'middle_radius_m': 1e-3 * ball.radius,
-        'thickness_m': 1e-3 * ball.thickness,
+        'middle_radius_m': round(1e-3 * ball.radius, 9),
+        'thickness_m': round(1e-3 * ball.thickness, 9),
         'young_modulus_pa': 1e6 * ball.young_modulus,
         'poisson_ratio': ball.poisson_ratio,
         'depth_m': (1e-3 * depths).round(9).tolist(),
         'force_n': [round(force, 6) for force in forces],
     }
-    KEPT.write_text(json.dumps(kept, indent=1) + '\n')
+    path.write_text(json.dumps(kept, indent=1) + '\n')
+
+
+def main() -> None:
+    """The thin sphere, then the mission's ball."""
+    keep(Squeezed(), [0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5], KEPT)
+    keep(THICK, [0.1, 0.25, 0.5, 0.75, 1.0, 1.5], KEPT.with_name('solid_thick_plates.json'))
 
 
 if __name__ == '__main__':

@@ -21,9 +21,9 @@ RIM = 0.8
 FIRST_TOUCH = 0.2
 
 
-def kept_solution() -> dict[str, Any]:
+def kept_solution(name: str = 'solid_plates') -> dict[str, Any]:
     """The solid's solution, see `bags/solid_plates.py`."""
-    return dict(json.loads((Path(__file__).parent / 'solid_plates.json').read_text()))
+    return dict(json.loads((Path(__file__).parent / f'{name}.json').read_text()))
 
 
 def squeezed_sphere(kept: dict[str, Any]) -> ShellObject:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from shell_deform.verification import thick_balls, thick_exact, thick_limit
+from shell_deform.verification import thick_balls, thick_exact, thick_limit, thick_plates
 from shell_deform.verification.problem import Verified
 
 
@@ -13,4 +13,5 @@ def problems() -> Iterator[Verified]:
     """One group after the other, the quick ones first."""
     yield from thick_exact.problems()
     yield from thick_limit.problems()
+    yield from thick_plates.problems()
     yield from thick_balls.problems()

@@ -209,6 +209,28 @@ SATURATION = replace(
     caveats=('Nothing protects this hand from overload.', ELASTIC),
 )
 
+LONG_HOLD = replace(
+    SMALL_BALL,
+    name='long_hold',
+    title='Ten minutes of a held ball that relaxes, in 36 seconds',
+    object_name='object.yaml',
+    object_file=settings.relaxing_ball_object,
+    seed=11,
+    setting=settings.relaxing_ball_between_two_pins,
+    programme=programmes.long_hold,
+    story=(
+        'A squeeze to 16 N; then the motors stand still. The force of the ball falls by 3 % for '
+        'every tenfold time, the gauges, warm for three hours, walk by a tenth of a count in a '
+        'root minute, and the tendons give back a little travel.'
+    ),
+    caveats=(
+        'Time-lapse: rubber and gauges live seventeen times as fast as the stamps.',
+        'One function of time relaxes the force of the whole ball, its air too: a closed form, '
+        '1 - 0.03 log10(1 + t / 0.1 s), superposed over all steps of the elastic force.',
+    ),
+    facts={'time_lapse': settings.HOLD_LAPSE},
+)
+
 EXPERIMENTS = {
     experiment.name: experiment
     for experiment in (
@@ -220,5 +242,6 @@ EXPERIMENTS = {
         CUP,
         DRIFT,
         SATURATION,
+        LONG_HOLD,
     )
 }

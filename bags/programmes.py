@@ -10,8 +10,10 @@ from collections.abc import Callable
 
 from bags import solid_ball
 from bags.session import Session
+from bags.settings import HOLD_LAPSE
 
 TIME_LAPSE = 60.0
+HELD_N = 16.0
 
 
 def begin(session: Session) -> None:
@@ -103,6 +105,16 @@ def drift(session: Session) -> None:
             if number == 4:
                 session.scan('held')
         release(session, 1.0, 1.0)
+
+
+def long_hold(session: Session) -> None:
+    """Squeeze, then hold the travel for ten minutes of the rubber and of the gauges."""
+    begin(session)
+    session.stage.time_lapse = HOLD_LAPSE
+    session.move_to(HELD_N, 1.0)
+    with session.held(HELD_N, relaxes=True):
+        session.hold(36.0)
+        session.scan('held')
 
 
 def saturation(session: Session) -> None:

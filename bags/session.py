@@ -73,7 +73,8 @@ class Session:
         rotation, origin = self.stage.pose()
         grip, _ = self.stage.grip()
         turn = grip @ self.stage.setting.from_solution
-        surface = truth.surface(force).moved(turn, origin)
+        dented_by = self.stage.elastic_force()
+        surface = truth.surface(dented_by).moved(turn, origin)
         scan = scanning.scan(
             surface,
             list(self.views),
@@ -100,8 +101,8 @@ class Session:
             {
                 'row': number,
                 'force_n': round(force, 9),
-                'displacement_middle_m': round(truth.middle_displacement(force), 9),
-                'displacement_outer_m': round(truth.outer_displacement(force), 9),
+                'displacement_middle_m': round(truth.middle_displacement(dented_by), 9),
+                'displacement_outer_m': round(truth.outer_displacement(dented_by), 9),
                 'object_pose': _pose(rotation, origin),
                 'scan_placement': _pose(scan.placement_rotation, scan.placement_shift),
                 'scan_seed': self.stage.seed * 1000 + number,

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from bags.grasps import Touch, touch_at
+from bags.relaxing import Fading
 from bags.solid_cup import Cup, profile
 from bags.stage import Setting, along_pins
 from bags.surfaces import BallTruth, ShellTruth
@@ -20,6 +22,10 @@ Z_TO_X = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 PIN = MountedPin(length_m=0.040, forward_m=0.020)
 CAN_CROWN_FROM_PALM_M = 0.040
 THREE_FINGER_HEIGHT_M = 0.1945
+
+FADING = Fading(share=0.03, onset_s=0.1)
+HOLD_LAPSE = 17.0
+"""Seconds of gauge and rubber in one of the recording that is held for long."""
 
 
 def ball_between_two_pins() -> Setting:
@@ -39,6 +45,37 @@ def ball_between_two_pins() -> Setting:
         width_m=2 * BALL_RADIUS_M,
         from_solution=Z_TO_X,
     )
+
+
+def relaxing_ball_between_two_pins() -> Setting:
+    """The same, and what the ball pushes back with falls with the logarithm of time."""
+    return replace(ball_between_two_pins(), fading=FADING, warm_s=3 * 3600.0)
+
+
+def relaxing_ball_object() -> dict:
+    """The tennis ball with its relaxation, in the time of a recording that runs faster."""
+    return {
+        'name': 'relaxing_tennis_ball',
+        'surface': {'sphere': {'outer_diameter_m': 0.065}},
+        'thickness_m': 0.0025,
+        'young_modulus_pa': 12.75e6,
+        'poisson_ratio': 0.5,
+        'gas': {'kind': 'sealed', 'gauge_pressure_pa': 0.0, 'ambient_pa': 101325.0},
+        'relaxation': {
+            'kind': 'log',
+            'share_per_decade': FADING.share,
+            'from_s': round(FADING.onset_s / HOLD_LAPSE, 6),
+            'to_s': 100.0,
+            'sigma_per_decade': 0.003,
+        },
+        'contacts': [
+            {'at_m': [x, 0.0, 0.0], 'radius_m': 0.001, 'kind': 'pin'}
+            for x in (BALL_RADIUS_M, -BALL_RADIUS_M)
+        ],
+        'control_vertices': 900,
+        'source': 'As tennis_ball; a share a decade of unfilled rubber. Synthetic experiment; '
+        f'its seconds are {HOLD_LAPSE:g} of the rubber.',
+    }
 
 
 def half_can_under_one_pin() -> Setting:

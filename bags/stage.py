@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from bags import grasps
 from bags.calculix import Array
 from bags.grasps import Touch
+from bags.relaxing import Fading, FadingHistory
 from bags.scanner import Obstacle, generator
 from bags.surfaces import BallTruth, ShellTruth
 from barrett_hand_bridge.emulator.geometry import MountedPin, finger_pose
@@ -40,6 +41,8 @@ class Setting:
     `from_solution`: rotation from the frame of the kept solid solution to that of the object
     file. `pinched`: the object hangs between two pins; otherwise it
     keeps its place, only its height follows the pins (the arm, or the fingers, carry it along).
+    `fading`: how its force falls with time; None for an elastic object. `warm_s`: how long the
+    gauges have been on, s.
     """
 
     truth: Truth
@@ -50,6 +53,8 @@ class Setting:
     pinched: bool
     width_m: float = 0.0
     from_solution: Array = field(default_factory=lambda: np.eye(3))
+    fading: Fading | None = None
+    warm_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -143,7 +148,10 @@ class Stage:
                 {f: setting.touches[f].inward for f in self.fingers},
                 table,
             )
+        self.fading = None if setting.fading is None else FadingHistory(setting.fading, table)
         self.mechanics = HandMechanics(body, seed, squeezed)
+        if setting.warm_s:
+            self.mechanics.rest(setting.warm_s, 60.0)
         self.hand = WireHand(self.mechanics, serial_number=seed)
         self.hand.initialised = dict.fromkeys((1, 2, 3, 4), True)
         self.port = PtyPort(self.hand, paced=False, real_time=False)
@@ -228,6 +236,10 @@ class Stage:
         """Put the fingers at new positions and let time pass for hand and gauges."""
         self._counts = dict(counts)
         with self.port.lock:
+            if self.fading is not None:
+                table = self.fading.after(seconds * self.time_lapse)
+                squeezed = replace(self.mechanics.squeezed, table=table)  # type: ignore[type-var]
+                self.mechanics.squeezed = squeezed
             self._place(counts)
         self.port.advance(seconds)
         if self.time_lapse > 1.0:
@@ -235,6 +247,8 @@ class Stage:
                 longer = seconds * (self.time_lapse - 1.0)
                 self.mechanics.rest(longer, longer)
         truths = [self.mechanics.truth(finger) for finger in (1, 2, 3)]
+        if self.fading is not None:
+            self.fading.moved(float(truths[self.fingers[0] - 1].displacement_m))
         self.rows.append(
             Row(
                 self.mechanics.time_s,
@@ -248,6 +262,10 @@ class Stage:
     def force(self) -> float:
         """True force of the first finger in use, N."""
         return float(self.mechanics.truth(self.fingers[0]).force_n)
+
+    def elastic_force(self) -> float:
+        """The force that dents an elastic object as this one is dented now, N."""
+        return self.force() if self.fading is None else self.fading.elastic_n
 
     def pose(self) -> tuple[Array, Array]:
         """True pose of the object: rotation and origin in the hand frame."""

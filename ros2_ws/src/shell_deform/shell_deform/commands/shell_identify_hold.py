@@ -28,8 +28,9 @@ def relaxation_from(options: argparse.Namespace) -> None:
     from shell_deform.identify.squeeze_bag import read_pushes
 
     load_object(options.object)
-    time, push, travel, sigma = read_pushes(path)
-    noise = float(np.nanmin(sigma))
+    time, push, travel = read_pushes(path)
+    # What a gauge says of itself covers its gain and zero, too: noise is what changes at once.
+    noise = float(np.sqrt(0.5 * np.nanmedian(np.diff(push, axis=0) ** 2)))
     data = HeldPushes(time, push, travel, noise, COUNT_N, options.sigma_drift)
     fit = fit_relaxation(data, options.until or np.inf)
     predictions = _predictions(data, fit) if options.until else []

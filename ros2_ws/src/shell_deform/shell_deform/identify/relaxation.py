@@ -13,7 +13,7 @@ drift does not. Which of the two holds is found by leaving such drifts free.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -55,6 +55,15 @@ class HeldPushes:
     noise: float
     quantum: float
     drift: float
+
+    @property
+    def stuck(self) -> float:
+        """What a mean of many whole counts is off by where noise does not dither them [N].
+
+        The first harmonic of the error of quantisation under Gaussian noise.
+        """
+        dither = np.exp(-2.0 * (np.pi * self.noise / self.quantum) ** 2)
+        return float(self.quantum / (np.sqrt(2.0) * np.pi) * dither)
 
     def __post_init__(self) -> None:
         back = np.flatnonzero(np.diff(self.time) < 0.0)
@@ -155,7 +164,7 @@ def find_levels(data: HeldPushes) -> tuple[Level, ...]:
     total = np.where(known, data.travel, 0.0).sum(axis=1)
     travel = np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), 0.0)
     found: list[Level] = []
-    start = 0
+    start, ended, before = 0, -1, 0.0
     while start < len(travel):
         away = np.flatnonzero(np.abs(travel[start:] - travel[start]) > STILL_M)
         stop = start + int(away[0]) if len(away) else len(travel)
@@ -171,7 +180,15 @@ def find_levels(data: HeldPushes) -> tuple[Level, ...]:
         step = data.time[start] - data.time[moving]
         began = float(data.time[start] - 0.5 * step)
         first = float(data.time[start] + max(SETTLING * step, 0.1))
-        found.append(Level(began, first, float(data.time[stop - 1])))
+        last = float(data.time[stop - 1])
+        here = float(np.median(travel[start:stop]))
+        if found and start == ended and abs(here - before) < 2.0 * STILL_M:
+            # Tendons that give back a little, or the slow end of a ramp: the same level goes on.
+            found[-1] = replace(found[-1], last=last)
+        else:
+            found.append(Level(began, first, last))
+            before = here
+        ended = stop
         start = stop
     return tuple(found)
 
@@ -247,7 +264,7 @@ def _solved(
                 by[:, at] = np.log10((time - began[0]) / reference)
                 by[:, at + 1] = (time - began[0]) / (time[-1] - began[0])
                 modelled = modelled + by[:, at : at + 2] @ values[at : at + 2]
-            spread = (data.noise**2 + data.quantum**2 / 12.0) / samples
+            spread = (data.noise**2 + data.quantum**2 / 12.0) / samples + data.stuck**2
             walk = data.drift**2 / 60.0 * np.minimum(time[:, None], time)
             root = np.linalg.cholesky(np.diag(spread) + walk)
             both = np.column_stack([by, push - modelled])

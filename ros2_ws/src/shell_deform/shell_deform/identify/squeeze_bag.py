@@ -59,27 +59,27 @@ def read_squeeze(bag: Path, topic: str = '/hand/contacts') -> SqueezeData:
     return SqueezeData(force, displacement, own, sigma_displacement, sigma_gain=gain)
 
 
-def read_pushes(bag: Path, topic: str = '/hand/contacts') -> tuple[Array, Array, Array, Array]:
-    """Every sample of a bag: time (n,) [s] from the first, push, travel and sigma_n (n, f).
+def read_pushes(bag: Path, topic: str = '/hand/contacts') -> tuple[Array, Array, Array]:
+    """Every sample of a bag: time (n,) [s] from the first, push and travel (n, f).
 
     NaN where a finger does not push, or its gauge cannot be trusted. Raises IdentificationError as
     `read_squeeze` does.
     """
     stamps: list[float] = []
-    found: list[dict[int, tuple[float, float, float]]] = []
+    found: list[dict[int, tuple[float, float]]] = []
     for stamp, cloud in _clouds(bag, topic):
         finger, rows = _good(cloud)
         stamps.append(stamp)
-        found.append({f: (row[0], row[1], row[2]) for f, row in zip(finger, rows, strict=True)})
+        found.append({f: (row[0], row[1]) for f, row in zip(finger, rows, strict=True)})
     fingers = sorted({finger for one in found for finger in one})
     if not fingers:
         raise IdentificationError(
             f'{bag}: no sample with travel, a tared gauge and contact; record a grasp that is held'
         )
-    nothing = (np.nan, np.nan, np.nan)
+    nothing = (np.nan, np.nan)
     values = np.array([[one.get(finger, nothing) for finger in fingers] for one in found])
     time = np.array(stamps) - stamps[0]
-    return time, values[..., 1], values[..., 0], values[..., 2]
+    return time, values[..., 1], values[..., 0]
 
 
 def _clouds(bag: Path, topic: str) -> Iterator[tuple[float, Any]]:

@@ -103,7 +103,7 @@ def disc(radius: float, cells: int) -> GridSurface:
     return grid_surface(bent, (cells, cells))
 
 
-def clamped_plate(slenderness: float, cells: int = 32) -> Verified:
+def clamped_plate(slenderness: float, cells: int = 48) -> Verified:
     """Circular plate of h / a `slenderness`, clamped rim, uniform load.
 
     Its sag p (a^2 - r^2)^2 / 64 D + p (a^2 - r^2) / 4 (5/6 G h): the shear force is p r / 2, and

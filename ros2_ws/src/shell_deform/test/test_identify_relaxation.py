@@ -108,7 +108,9 @@ def test_a_bag_says_how_its_object_relaxes(tmp_path, capsys):
     assert document['relaxation']['share_per_decade'] == pytest.approx(0.05, abs=0.004)
     assert document['separable'] is True
     arguments = [bag, '--object', 'tennis_ball', '--relaxation', '--until', '360']
-    assert shell_identify.main(arguments) == 0
+    picture = tmp_path / 'hold.png'
+    assert shell_identify.main([*arguments, '--plot', str(picture)]) == 0
+    assert picture.stat().st_size > 10_000
     assert 'Later pushes' in capsys.readouterr().out
 
 

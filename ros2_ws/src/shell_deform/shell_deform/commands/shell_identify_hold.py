@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
+import matplotlib
 import numpy as np
 
 from grasp_common.terminal import print_table, say
 from shell_deform.commands.console import CommandError, print_json
-from shell_deform.identify.relaxation import HeldPushes, RelaxationFit, fit_relaxation
+from shell_deform.identify.relaxation import NINETY, HeldPushes, RelaxationFit, fit_relaxation
 from shell_deform.objects import load_object
 
 COUNT_N = 0.2
@@ -34,6 +36,8 @@ def relaxation_from(options: argparse.Namespace) -> None:
     data = HeldPushes(time, push, travel, noise, COUNT_N, options.sigma_drift)
     fit = fit_relaxation(data, options.until or np.inf)
     predictions = _predictions(data, fit) if options.until else []
+    if options.plot:
+        _plot(options.plot, data, fit, options.until)
     low, high = fit.interval
     law = fit.law
     if options.json:
@@ -91,3 +95,32 @@ def _predictions(data: HeldPushes, fit: RelaxationFit) -> list[dict[str, float]]
              'read_n': read}
         )  # fmt: skip
     return rows
+
+
+def _plot(path: Path, data: HeldPushes, fit: RelaxationFit, until: float | None) -> None:
+    """Pushes over the logarithm of time, the law and its 90 % band; dashed where predicted."""
+    matplotlib.use('Agg')
+    import matplotlib.pyplot as plt
+
+    began, end = fit.levels[0].began, fit.levels[-1].last
+    times = began + np.geomspace(fit.law.reference, end - began, 200)
+    figure, axes = plt.subplots(figsize=(6.5, 4.5), dpi=140)
+    for finger, colour in zip(
+        range(data.push.shape[1]), ('#00457c', '#c05a00', '#4a7c00'), strict=False
+    ):
+        held = (data.time >= times[0]) & (data.time <= end)
+        axes.plot(data.time[held] - began, data.push[held, finger], '.', ms=1.5, color=colour)
+        force, sigma = np.array([fit.force_at(time, finger) for time in times]).T
+        axes.plot(times - began, force, color=colour, label=f'finger {finger + 1}')
+        band = NINETY * sigma
+        axes.fill_between(times - began, force - band, force + band, alpha=0.25, color=colour)
+    if until is not None:
+        axes.axvline(until - began, color='k', ls='--', label='known until here')
+    axes.set_xscale('log')
+    axes.set_xlabel('time since the step [s]')
+    axes.set_ylabel('push [N]')
+    axes.set_title('Pushes at standing travel, the law and its 90 % band')
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize='small')
+    figure.savefig(path, bbox_inches='tight', metadata={'Software': None})
+    plt.close(figure)

@@ -35,7 +35,7 @@ class Task:
     """One bag with one choice of numbers.
 
     `changes` are numbers of the object to replace; `young`, `object_pose` (seven numbers),
-    `search` and `scan_unit` as in `PipelineOptions`; `page`,
+    `search`, `scan_unit` and `thick` as in `PipelineOptions`; `page`,
     `samples` and `published` as in `Extent`.
     """
 
@@ -49,6 +49,7 @@ class Task:
     object_pose: tuple[float, ...] | None = None
     search: bool = False
     scan_unit: str = 'm'
+    thick: bool = True
 
 
 @dataclass
@@ -87,7 +88,7 @@ def task_key(task: Task) -> str:
     for path in (folder / FILE_NAME, published, Path(name) if name else None):
         digest.update(path.read_bytes() if path is not None and path.is_file() else b'-')
     choice: list[Any] = [name, task.young, list(task.changes), task.page, task.samples]
-    choice += [task.object_pose, task.search, task.scan_unit]
+    choice += [task.object_pose, task.search, task.scan_unit, task.thick]
     digest.update(json.dumps(choice).encode())
     digest.update(bag_sha256(task.bag).encode())
     digest.update(code_sha256().encode())
@@ -124,6 +125,7 @@ def run_task(task: Task, folder: Path) -> bool:
         scan_unit=task.scan_unit,
         young=task.young,
         changes=dict(task.changes),
+        thick=task.thick,
     )
     make_report(task.bag, folder, options, Extent(task.page, task.samples, task.published))
     return False

@@ -26,8 +26,8 @@ STRAIN_LIMIT = 0.2
 def grasp_document(shell: TheorySet, row: Row) -> dict[str, Any]:
     """Measures of the row's grasp on the shape that koiter theory gives, or why there are none."""
     state = row.solved['koiter'].state
-    if not state.converged:
-        return {'failed': state.message}
+    if state is None or not state.converged:
+        return {'failed': row.solved['koiter'].message}
     model = shell.models['koiter']
     count = len(row.patches)
     grasp = read_contacts(model, row.patches, state, FRICTION)

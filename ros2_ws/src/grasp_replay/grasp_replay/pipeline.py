@@ -30,12 +30,13 @@ from scan_compare.units import UnitError, metres_per_unit
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.live.pose import Pose
 from shell_deform.solve.equilibrium import Equilibrium
+from shell_deform.theory import THICK
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
 DEFAULT_OBJECT = 'tennis_ball'
-REGISTERED_BY = ('koiter', 'paper', 'linear')
+REGISTERED_BY = ('koiter', 'paper', 'linear', 'thick')
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class PipelineOptions:
         young: 'fit' (on the first held scan), 'object' (as the object file says), or 'auto': fit
             where at least two scans are held, so that the others remain predictions.
         changes: numbers of the object to replace, such as thickness_m.
+        thick: solve by theory thick, too, which takes most of the time.
     """
 
     object_name: str | None = None
@@ -58,6 +60,7 @@ class PipelineOptions:
     scan_unit: str = 'm'
     young: str = 'auto'
     changes: dict[str, float] = field(default_factory=dict)
+    thick: bool = True
 
     def __post_init__(self) -> None:
         if self.young not in ('auto', 'fit', 'object'):
@@ -169,7 +172,8 @@ def _meshed(name: str, first: Hold, options: PipelineOptions) -> TheorySet:
     assert contacts is not None
     travel = np.nan_to_num(contacts.travel)
     at_rest = contacts.point - travel[:, None] * contacts.normal
-    return theory_set(name, at_rest, float(contacts.radius.min()), options.changes)
+    radius = float(contacts.radius.min())
+    return theory_set(name, at_rest, radius, options.changes, options.thick)
 
 
 def _welded(hold: Hold, shell: TheorySet, notes: tuple[str, ...]) -> Hold:
@@ -204,20 +208,27 @@ def _fitted(
     experiment: Experiment,
     scan_start: ScanPose | None,
 ) -> tuple[TheorySet, str]:
-    """The shell with the modulus that carries the first load at its measured displacement.
+    """The shell with the moduli that carry the first load at its measured displacement.
 
-    That of a shell which only bends: no theory here knows the squeezed material under a pin.
+    For the thin walls that of a shell which only bends: they do not know the squeezed material
+    under a pin, which the thick one does.
     """
     setting = _Setting(undeformed, shell, experiment, scan_start)
     row = _row(1, hold, setting, dict.fromkeys(THEORIES), ('koiter',))
-    depths = [profile.bent_apex_m for profile in row.reference.profiles]
+    profiles = row.reference.profiles
+    depths = [profile.bent_apex_m for profile in profiles]
     if not depths or min(depths) <= 0.0:
         raise BagError(
             'the first scan under load shows no dent at the contacts to fit a modulus to; give '
             '--young object'
         )
     young = shell.fit_young(row.patches, row.contacts.push, float(np.mean(depths)))
-    return shell.with_young(young), 'fitted on row 1 of this recording with koiter theory'
+    fitted = shell.with_young(young)
+    if THICK in shell.models:
+        depth = float(np.mean([profile.apex_m for profile in profiles]))
+        solid = shell.fit_young(row.patches, row.contacts.push, depth, THICK)
+        fitted = fitted.with_solid_young(solid)
+    return fitted, 'fitted on row 1 of this recording with koiter theory'
 
 
 def _row(
@@ -247,7 +258,7 @@ def _row(
     if first is None:
         raise BagError(
             f'row {number}: no theory carries {np.round(contacts.push, 3).tolist()} N on '
-            f'{shell.shell.name} ({solved[theories[-1]].state.message})'
+            f'{shell.shell.name} ({solved[theories[0]].message})'
         )
     return Row(number, hold, contacts, patches, solved, compared)
 

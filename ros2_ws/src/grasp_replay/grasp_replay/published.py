@@ -11,6 +11,7 @@ import numpy as np
 from grasp_replay.experiment import read_published
 from grasp_replay.theories import THEORIES, theory_set
 from shell_deform.solve.equilibrium import Equilibrium
+from shell_deform.theory import THICK
 
 TABLE = Path('published') / 'table1.yaml'
 
@@ -22,7 +23,9 @@ def published_table(bag: Path) -> Path | None:
     return path if path.is_file() else None
 
 
-def published_predictions(path: Path, object_file: str, name: str) -> list[dict[str, Any]]:
+def published_predictions(
+    path: Path, object_file: str, name: str, thick: bool = True
+) -> list[dict[str, Any]]:
     """Rows of the table for object `name`, with the displacement every theory predicts [m].
 
     The object is taken as its file describes it, touched at its own contacts. A load that a
@@ -31,7 +34,7 @@ def published_predictions(path: Path, object_file: str, name: str) -> list[dict[
     rows = read_published(path, name)
     if not rows:
         return []
-    shell = theory_set(object_file)
+    shell = theory_set(object_file, thick=thick)
     model = shell.model
     patches = tuple(
         model.contact(np.array(contact.at_m), contact.radius_m) for contact in shell.shell.contacts
@@ -52,6 +55,7 @@ def published_predictions(path: Path, object_file: str, name: str) -> list[dict[
                 **row,
                 'predicted_max_displacement_m': predicted,
                 'young_modulus_pa': shell.shell.young_modulus_pa,
+                'solid_young_modulus_pa': shell.shell.modulus(THICK),
             }
         )
     return found

@@ -61,7 +61,9 @@ def make_report(
     name = outcome.shell.shell.name
     watch(0.6, 'published table')
     table = extent.published or published_table(bag)
-    published = [] if table is None else published_predictions(table, outcome.object_name, name)
+    published = []
+    if table is not None:
+        published = published_predictions(table, outcome.object_name, name, options.thick)
     trace = None
     if extent.samples:
         watch(0.65, 'linear theory at every sample')
@@ -137,7 +139,10 @@ def _page(
 def provenance(outcome: Outcome, results: dict[str, Any]) -> dict[str, Any]:
     """Where every number of the page comes from."""
     experiment = outcome.experiment
-    young = f'{results["young_modulus_pa"] / 1e6:.4g} MPa, {outcome.young_from}'
+    young = (
+        f'{results["young_modulus_pa"] / 1e6:.4g} MPa, {outcome.young_from}; of the solid '
+        f'{results["solid_young_modulus_pa"] / 1e6:.4g} MPa'
+    )
     found: dict[str, Any] = {
         'title': experiment.name,
         'object': {

@@ -17,6 +17,7 @@ from grasp_replay.grasp_rows import grasp_document
 from grasp_replay.pipeline import REGISTERED_BY, Outcome, Row
 from grasp_replay.theories import THEORIES
 from scan_compare.ranking import rank
+from shell_deform.theory import THICK
 
 NEWTON_PER_POUND_FORCE = 4.4482216152605
 # Above this relative uncertainty of the force no theory is called the better one.
@@ -58,12 +59,14 @@ def document(outcome: Outcome, published: list[dict[str, Any]]) -> dict[str, Any
         'synthetic': outcome.experiment.synthetic,
         'object': shell.name,
         'young_modulus_pa': shell.young_modulus_pa,
+        'solid_young_modulus_pa': shell.modulus(THICK),
         'young_modulus_from': outcome.young_from,
         'poisson_ratio': shell.poisson_ratio,
         'thickness_m': shell.thickness_m,
         'gas': shell.gas.kind,
         'control_vertices': len(outcome.shell.model.rest),
-        'face': 'outer face: middle surface + half the thickness along the deformed normal',
+        'face': 'outer face: middle surface + half the thickness along the deformed normal; of '
+        'theory thick its own',
         'scanner_sigma_m': outcome.experiment.scanner_sigma,
         'samples': len(outcome.recording.samples),
         'rows': [
@@ -127,12 +130,13 @@ def row_document(row: Row) -> dict[str, Any]:
 
 
 def _theory(row: Row, name: str) -> dict[str, Any]:
-    comparison, state = row.compared[name], row.solved[name].state
-    if comparison is None:
+    comparison, solved = row.compared[name], row.solved[name]
+    state = solved.state
+    if comparison is None or state is None:
         return {
             **dict.fromkeys(STATISTICS),
-            'carried': state.load_fraction,
-            'message': state.message,
+            'carried': 0.0 if state is None else state.load_fraction,
+            'message': solved.message,
         }
     found = comparison.to_json()
     return {

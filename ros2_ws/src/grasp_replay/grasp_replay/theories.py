@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One shell under the three theories: the same mesh, contacts and loads, solved offline."""
+"""One shell under every theory: the same contacts and loads, solved offline.
+
+The thin walls share a mesh; the thick one has a finer one under its pins.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,9 @@ from numpy.typing import NDArray
 
 from grasp_replay.errors import BagError
 from grasp_replay.holds import HeldContacts
-from scan_compare.deformed_surface import DeformedSurface
+from scan_compare.deformed_surface import DeformedSurface, surface_of_outer_face
 from scan_compare.dent import Contacts
+from shell_deform.assemble.stamps import WallError
 from shell_deform.building import build_model
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.identify.force_curve import modulus_where
@@ -20,28 +24,38 @@ from shell_deform.model import ShellModel
 from shell_deform.objects import ObjectError, ShellObject, load_object
 from shell_deform.solve.equilibrium import Equilibrium, forced
 from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.theory import THICK
 
 Array = NDArray[np.float64]
 
-THEORIES = ('linear', 'paper', 'koiter')
+THIN = ('linear', 'paper', 'koiter')
+THEORIES = (*THIN, THICK)
 # Relative accuracy of a fitted modulus.
 FIT_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True)
 class Solved:
-    """A load case carried by one theory; `surface` is None where it could not be."""
+    """A load case carried by one theory; `surface` is None where it could not be.
 
-    state: Equilibrium
+    `state` is None where the theory has no model of the object, `message` says why.
+    """
+
+    state: Equilibrium | None
     surface: DeformedSurface | None
+    message: str = ''
 
 
 class TheorySet:
     """A shell object, meshed finely where it is touched, ready to be solved by every theory."""
 
-    def __init__(self, shell: ShellObject, models: dict[str, ShellModel]) -> None:
+    def __init__(
+        self, shell: ShellObject, models: dict[str, ShellModel], without: str = ''
+    ) -> None:
+        """`without`: why there is no thick wall among the `models`."""
         self.shell = shell
         self.models = models
+        self.without = without
         self._solvers = {name: EquilibriumSolver(model) for name, model in models.items()}
 
     @property
@@ -50,13 +64,24 @@ class TheorySet:
         return self.models['koiter']
 
     def with_young(self, young_pa: float) -> TheorySet:
-        """The same mesh with another modulus; the wall is proportional to it."""
+        """The same thin walls with another modulus; they are proportional to it."""
         factor = young_pa / self.shell.young_modulus_pa
         wall = self.model.shell.stiffened(factor)
-        return TheorySet(
-            replace(self.shell, young_modulus_pa=young_pa),
-            {name: replace(model, shell=wall) for name, model in self.models.items()},
-        )
+        models = {
+            name: replace(model, shell=wall)
+            for name, model in self.models.items()
+            if name != THICK
+        }
+        solid = self.shell.modulus(THICK)
+        changed = replace(self.shell, young_modulus_pa=young_pa, solid_young_modulus_pa=solid)
+        return TheorySet(changed, self.models | models, self.without)
+
+    def with_solid_young(self, young_pa: float) -> TheorySet:
+        """The same thick wall with another modulus."""
+        thick = self.models[THICK]
+        wall = thick.shell.stiffened(young_pa / self.shell.modulus(THICK))
+        changed = replace(self.shell, solid_young_modulus_pa=young_pa)
+        return TheorySet(changed, self.models | {THICK: replace(thick, shell=wall)})
 
     def patches(self, contacts: HeldContacts) -> tuple[ContactPatch, ...]:
         """The patches that the fingers press, laid on the shell at rest."""
@@ -72,13 +97,29 @@ class TheorySet:
         start: Equilibrium | None = None,
     ) -> Solved:
         """The shell under pushes (k,) [N] along the axes of the patches."""
-        state = self._solvers[theory].solve(forced(patches, push), start)
+        if theory not in self.models:
+            return Solved(None, None, self.without)
+        solver, h = self._solvers[theory], self.shell.thickness_m
+        model = solver.model
+        if theory == THICK:
+            patches = tuple(model.contact(p.point, p.radius, p.axis) for p in patches)
+        try:
+            state = solver.solve(forced(patches, push), start)
+        except WallError as error:
+            # Two pins on one triangle, or one between the points of the mesh.
+            return Solved(None, None, str(error))
         if not state.converged:
-            return Solved(state, None)
-        return Solved(state, self.deformed(state.positions))
+            return Solved(state, None, state.message)
+        if theory != THICK:
+            return Solved(state, self.deformed(state.positions))
+        rest, face = (
+            solver.model.shell.outer_face(unknowns)
+            for unknowns in (solver.model.start, state.unknowns)
+        )
+        return Solved(state, surface_of_outer_face(model.surface, rest, face, h))
 
     def deformed(self, positions: Array) -> DeformedSurface:
-        """The surface that a scan is compared with."""
+        """The surface of a thin wall that a scan is compared with."""
         model = self.model
         return DeformedSurface(model.surface, model.rest, positions, self.shell.thickness_m)
 
@@ -90,22 +131,28 @@ class TheorySet:
         return Contacts(points, axes, np.array([patch.radius for patch in patches]))
 
     def fit_young(
-        self, patches: tuple[ContactPatch, ...], push: Array, displacement_m: float
+        self,
+        patches: tuple[ContactPatch, ...],
+        push: Array,
+        displacement_m: float,
+        theory: str = 'koiter',
     ) -> float:
-        """Young's modulus at which koiter theory moves the contacts by `displacement_m` [m].
+        """Young's modulus at which a theory moves the contacts by `displacement_m` [m].
 
         The displacement is the mean of the contact centres, which does not depend on where the
         object is held to be. Raises BagError when no modulus does.
         """
 
-        def error(young: float) -> float | None:
-            solved = self.with_young(young).solve('koiter', patches, push)
-            found = float(np.mean(solved.state.displacement))
-            if solved.surface is None or not found > 0.0:
-                return None
-            return float(np.log(displacement_m / found))
+        changed = self.with_solid_young if theory == THICK else self.with_young
 
-        young = modulus_where(error, self.shell.young_modulus_pa, FIT_TOLERANCE)
+        def error(young: float) -> float | None:
+            solved = changed(young).solve(theory, patches, push)
+            if solved.surface is None or solved.state is None:
+                return None
+            found = float(np.mean(solved.state.displacement))
+            return float(np.log(displacement_m / found)) if found > 0.0 else None
+
+        young = modulus_where(error, self.shell.modulus(theory), FIT_TOLERANCE)
         if young is not None:
             return young
         raise BagError(
@@ -119,6 +166,7 @@ def theory_set(
     refine_at: Array | None = None,
     refine_radius: float | None = None,
     changes: dict[str, float] | None = None,
+    thick: bool = True,
 ) -> TheorySet:
     """An object by name or file, meshed finely at `refine_at` (k, 3) [m]; raises BagError.
 
@@ -132,7 +180,16 @@ def theory_set(
             if 'control_vertices' in numbers:
                 numbers['control_vertices'] = int(numbers['control_vertices'])
             shell = replace(shell, **numbers)  # type: ignore[arg-type]
-        koiter = build_model(shell, refine_at=refine_at, refine_radius=refine_radius)
+            if 'young_modulus_pa' in changes:
+                shell = replace(shell, solid_young_modulus_pa=None)
+        koiter = build_model(shell, 'koiter', None, refine_at, refine_radius)
     except ObjectError as error:
         raise BagError(str(error)) from error
-    return TheorySet(shell, {name: koiter.with_theory(name) for name in THEORIES})
+    models = {name: koiter.with_theory(name) for name in THIN}
+    if not thick:
+        return TheorySet(shell, models, 'not asked for')
+    try:
+        models[THICK] = build_model(shell, THICK, None, refine_at, refine_radius, True)
+    except WallError as error:
+        return TheorySet(shell, models, str(error))
+    return TheorySet(shell, models)

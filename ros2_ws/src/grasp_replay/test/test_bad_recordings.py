@@ -30,7 +30,7 @@ def test_a_scan_in_another_unit_is_refused_with_the_factor(
 ) -> None:
     grasp = write_grasp(tmp_path / 'grasp', (10.0,), scan_unit)
     with pytest.raises(BagError, match=reason):
-        run(grasp, PipelineOptions(changes={'control_vertices': 200}))
+        run(grasp, PipelineOptions(changes={'control_vertices': 200}, thick=False))
 
 
 def test_a_hold_without_usable_forces_is_refused_with_the_first_of_them(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from grasp_replay.ros_types import standard_types
 from shell_deform.live.pose import pose_of
 
 SCANS, CONTACTS = '/scan/points', '/hand/contacts'
-COARSE = PipelineOptions(young='object', changes={'control_vertices': 200})
+COARSE = PipelineOptions(young='object', changes={'control_vertices': 200}, thick=False)
 Change = Callable[[str, Any, int], Any]
 
 

@@ -52,6 +52,13 @@ def test_row_one_predicts_the_others_within_twelve_percent(rows, squeezed):
     assert soft < found['young_modulus_pa'] < stiff
 
 
+def test_a_wall_with_a_thickness_needs_a_stiffer_rubber_for_row_one(rows, squeezed):
+    found = ball.from_row_one(rows, squeezed, 'thick')
+    assert found['young_modulus_pa'] == pytest.approx(13.79e6, rel=5e-3)
+    assert squeezed.shell.modulus('thick') == pytest.approx(found['young_modulus_pa'], rel=5e-3)
+    np.testing.assert_allclose(found['relative_error'][1:], [0.092, 0.048, -0.001], atol=0.005)
+
+
 def test_linear_theory_misses_every_other_row_by_more_than_thirty_percent(rows, squeezed):
     found = ball.from_row_one(rows, squeezed, 'linear')
     assert max(found['relative_error'][1:]) < -0.30
@@ -138,7 +145,8 @@ def example(value=1e-3):
             'published_over_predicted': [12.5, 13.5],
         },
         'row_one': banded, 'all_rows': one, 'linear_row_one': {**linear, 'theory': 'linear'},
-        'linear_all_rows': linear, 'without_air': {**one, 'independent_displacement_m': None},
+        'linear_all_rows': linear, 'thick_row_one': {**linear, 'theory': 'thick'},
+        'without_air': {**one, 'independent_displacement_m': None},
         'pressure_scan': [one], 'influences': [one],
         'paper_setup': {
             'patch_side_m': 0.045, 'young_modulus_pa': 1.1e7,

@@ -74,6 +74,7 @@ def test_figures_carry_rates_memory_and_restarts(well):
     told = values(well, 1.0)
     assert told['input rate [Hz]'] == pytest.approx(100.0)
     assert told['background restarts'] == 3
+    assert told['theory'] == 'koiter'
     assert told['memory of node and background [MB]'] > 10.0
     assert "Young's modulus [Pa]" not in told
 

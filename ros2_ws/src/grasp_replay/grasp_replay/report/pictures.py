@@ -37,7 +37,7 @@ from .section import dent_section, level_lines
 
 NOT_SEEN = (0.80, 0.80, 0.80, 1.0)
 INSIDE = (0.45, 0.45, 0.45, 1.0)
-NONLINEAR, LINEAR, REST = '#00457c', '#c05a00', '#909090'
+NONLINEAR, LINEAR, REST, THICK = '#00457c', '#c05a00', '#909090', '#1b7837'
 MARKERS: dict[Kind, str] = {'published': 's', 'measured': 'D', 'synthetic': 'o', 'predicted': '^'}
 MILLI = 1e3
 SHADES = (0.2, 0.35, 0.5, 0.65, 0.8, 0.9)
@@ -46,6 +46,7 @@ THEORY_LINES: dict[str, tuple[str, str]] = {
     'koiter': (NONLINEAR, '-'),
     'paper': (REST, '-.'),
     'linear': (LINEAR, '--'),
+    'thick': (THICK, ':'),
 }
 
 

@@ -24,6 +24,7 @@ WHAT = {
     'paper': 'paper as printed, (5)/(6) put right',
     'paper_restored': 'paper with the dropped terms',
     'linear': 'linear',
+    'thick': 'a wall with a thickness',
 }
 
 
@@ -46,6 +47,7 @@ def section(study: dict[str, Any]) -> Section:
         ('koiter, all rows', study['all_rows']),
         ('linear, E from row 1', study['linear_row_one']),
         ('linear, all rows', study['linear_all_rows']),
+        ('thick, E from row 1', study['thick_row_one']),
         ('koiter without air, E from row 1', study['without_air']),
     ]
     low, high = (band['young_modulus_pa'] / one['young_modulus_pa'] - 1 for band in one['band'])
@@ -140,6 +142,7 @@ def lines(study: dict[str, Any]) -> list[list[str]]:
         ('koiter, all rows', 'all_rows'),
         ('linear, E from row 1', 'linear_row_one'),
         ('linear, all rows', 'linear_all_rows'),
+        ('thick, E from row 1', 'thick_row_one'),
     ):
         found = study[key]
         cells = [

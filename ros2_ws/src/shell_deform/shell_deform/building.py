@@ -143,16 +143,12 @@ def object_contacts(
     if not (shell_object.contacts or shell_object.grips):
         raise ObjectError(f'{shell_object.name}: no contacts; add contacts: [{{at_m: …}}]')
     contacts = _sized(shell_object).contacts
-    # In one load case either all rigid bodies may rub, or none.
-    bodies = any(c.friction > 0.0 or c.kind in ('fingertip', 'plate') for c in contacts)
     found = []
     for number, contact in enumerate(contacts):
         try:
             patch = _touching(model, contact, radius)
         except BodyError as error:
             raise ObjectError(f'{shell_object.name}: contact {number + 1}: {error}') from error
-        if bodies:
-            patch = model.with_friction(patch, contact.friction)
         _refuse_misplaced(shell_object, model, number + 1, contact, patch)
         found.append(patch)
     return tuple(found)
@@ -173,7 +169,7 @@ def _touching(model: ShellModel, contact: Contact, radius: float | None) -> Cont
     if contact.towards is not None:
         return model.plate(at, contact.radius_m, np.array(contact.towards), contact.friction)
     if contact.kind == 'pad':
-        return model.pad(at, contact.radius_m, contact.curvature_radius_m)
+        return model.pad(at, contact.radius_m, contact.curvature_radius_m, contact.friction)
     return model.contact(at, radius or contact.radius_m)
 
 

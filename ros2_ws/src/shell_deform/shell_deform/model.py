@@ -21,7 +21,6 @@ from shell_deform.contact.bodies import Body, BodyError, RoundBar, Shape, frame_
 from shell_deform.contact.contact_field import WallStiffness, wall_stiffness
 from shell_deform.contact.loads import ContactPatch, LoadError, contact_patch
 from shell_deform.contact.outer_face import OuterFace, outer_face
-from shell_deform.contact.pads import Pad
 from shell_deform.contact.thick_face import ThickFace, thick_face
 from shell_deform.supports import (
     SupportRows,
@@ -54,7 +53,7 @@ class Tangent:
         stiffness: (N, N) sparse part of the second derivative [N/m].
         gas_row: (N,) derivative of the volume [m^2]. gas_stiffness: [Pa/m^3], 0 without gas.
         gas_pressure: overpressure [Pa].
-        pad_rows: (N, f), pad_corner: (f,) of pads under given force, see `pads.Press`.
+        pad_rows: (N, f), pad_corner: (f,) of pads under given force, see `contact_field.Press`.
     """
 
     energy: float
@@ -149,9 +148,8 @@ class ShellModel:
         pins: list[Stamp] = []
         bodies: list[Stamp] = []
         for contact in contacts:
-            rigid = contact.pad is not None or contact.body is not None
             place = Stamp(contact.point, contact.axis, contact.radius)
-            (bodies if rigid else pins).append(place)
+            (pins if contact.body is None else bodies).append(place)
         shell = self.shell.with_stamps(pins, bodies)
         return self if shell is self.shell else replace(self, shell=shell)
 
@@ -178,7 +176,13 @@ class ShellModel:
         """Contact patch of `radius` [m] nearest to `at` (3,) [m], pushed along `axis`."""
         return contact_patch(self.surface, at, radius, axis, profile)
 
-    def pad(self, at: Array, radius: float, curvature_radius: float | None = None) -> ContactPatch:
+    def pad(
+        self,
+        at: Array,
+        radius: float,
+        curvature_radius: float | None = None,
+        friction: float = 0.0,
+    ) -> ContactPatch:
         """Rigid pad that touches the outer face nearest to `at` (3,) [m], its axis the normal.
 
         `radius` [m] of its rim; its face is flat, or a cap of a sphere of `curvature_radius` [m].
@@ -194,20 +198,8 @@ class ShellModel:
             )
         patch, apex = self._first_touched(at, radius)
         curvature = 0.0 if curvature_radius is None else 1.0 / curvature_radius
-        return replace(patch, pad=Pad(apex, patch.axis, float(radius), curvature))
-
-    def with_friction(self, patch: ContactPatch, friction: float) -> ContactPatch:
-        """The contact of a round pad as that of a body, which may rub."""
-        if patch.pad is None:
-            return patch
-        pad = patch.pad
-        shape = RoundBar(pad.radius, pad.curvature)
-        body = Body(shape, pad.apex, frame_of(pad.axis), pad.axis, friction)
-        return replace(patch, pad=None, body=body)
-
-    def taken(self, patch: ContactPatch) -> ContactPatch:
-        """A contact as this wall takes it: on the face of a thick one a pad is a body."""
-        return self.with_friction(patch, 0.0) if self.theory == THICK else patch
+        shape = RoundBar(float(radius), curvature)
+        return replace(patch, body=Body(shape, apex, frame_of(patch.axis), patch.axis, friction))
 
     def touched_by(
         self,

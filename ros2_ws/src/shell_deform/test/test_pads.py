@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from shell_deform.building import build_model, object_contacts
+from shell_deform.contact.bodies import RoundBar
+from shell_deform.contact.contact_field import contact_field
 from shell_deform.contact.loads import LoadError
-from shell_deform.contact.pad_contact import add_point_blocks, pad_field
-from shell_deform.contact.pads import Pad, gap
 from shell_deform.objects import load_object
 from shell_deform.objects.loader import ObjectError
 from shell_deform.objects.shell_object import Contact, ShellObject, Sphere
@@ -52,16 +52,15 @@ def test_force_and_depth_control_meet(squeezed):
     np.testing.assert_allclose(by_force.force, by_depth.force, rtol=1e-9)
 
 
-def test_pads_never_pull_and_hardly_sink_in(squeezed):
+def test_pads_never_pull_and_sink_in_by_what_half_the_wall_gives_way(squeezed):
     model, contacts, solver = squeezed
     state = solver.solve(displaced(contacts, [3e-3, 3e-3]))
-    field = pad_field(
-        model.shell, model.surface, {0: contacts[0].pad, 1: contacts[1].pad}, np.ones(2, bool)
-    )
-    points = field.matrix @ state.positions
-    for contact in contacts:
-        clear = gap(contact.pad, 3e-3, points).value - 0.5 * model.shell.thickness
-        assert clear.min() > -5e-3 * 2.5e-3
+    for touch in state.touches:
+        assert np.all(touch.pressure > 0.0)
+        layer = 1e6 / (1.0 - 0.49**2) / 1.25e-3
+        deepest = touch.pose.distance(RoundBar(25e-3), touch.face.position).value.min()
+        np.testing.assert_allclose(touch.pressure.max() / layer, -deepest, rtol=1e-9)
+        assert -deepest < 0.05 * 2.5e-3
     assert np.all(state.force > 0.0)
     assert np.abs(state.unbalance).max() < 1e-8 * state.force[0]
 
@@ -83,92 +82,38 @@ def test_unequal_depths_shift_a_free_ball_to_the_middle(squeezed):
 
 
 @pytest.mark.parametrize('curvature', [0.0, 1.0 / 0.03])
-def test_gap_is_a_distance_with_these_derivatives(curvature):
-    pad = Pad(np.array([0.0, 0.01, 0.02]), np.array([0.0, 0.6, 0.8]), 0.02, curvature)
-    points = pad.apex + 0.03 * np.random.default_rng(3).normal(size=(400, 3))
-    points += 0.03 * pad.axis
-    here = gap(pad, 1e-3, points)
-    np.testing.assert_allclose(np.linalg.norm(here.normal, axis=1), 1.0, atol=1e-12)
-    step = 1e-7
-    for i, direction in enumerate(np.eye(3) * step):
-        up, down = gap(pad, 1e-3, points + direction), gap(pad, 1e-3, points - direction)
-        slope = (up.value - down.value) / (2 * step)
-        bend = (up.normal - down.normal) / (2 * step)
-        smooth = np.abs(bend - here.hessian()[:, i]).max(axis=1) < 1e-4 * np.abs(bend).max()
-        np.testing.assert_allclose(slope, here.normal[:, i], atol=1e-7)
-        assert smooth.mean() > 0.97
-
-
-def push_of(pad, depth, points, multiplier, stiffness, wall, weights):
-    """Push of a pad on points (p, 3), of the distance's closed form; complex numbers pass through.
-
-    Second: the push along the axis [N].
-    """
-    away = points - pad.apex - depth * pad.axis
-    height = away @ pad.axis
-    across = away - height[:, None] * pad.axis
-    reach = np.sqrt(np.einsum('pi,pi->p', across, across))
-    outward = across / reach[:, None]
-    if pad.curvature:
-        ball = 1.0 / pad.curvature
-        far = np.sqrt(reach**2 + (height + ball) ** 2)
-        value, normal = far - ball, (across + (height + ball)[:, None] * pad.axis) / far[:, None]
-        face = reach.real <= pad.radius * pad.curvature * far.real
-        rim = height + ball - np.sqrt(ball**2 - pad.radius**2)
-    else:
-        value, normal = height, np.broadcast_to(pad.axis, points.shape)
-        face, rim = reach.real <= pad.radius, height
-    rim = np.where(rim.real > 0.0, rim, 0.0)
-    beside = reach - pad.radius
-    edge = np.sqrt(beside**2 + rim**2)
-    rounded = (beside[:, None] * outward + rim[:, None] * pad.axis) / edge[:, None]
-    value, normal = np.where(face, value, edge), np.where(face[:, None], normal, rounded)
-    pressure = multiplier - stiffness * (value - wall)
-    push = weights * np.where(pressure.real > 0.0, pressure, 0.0)
-    return push[:, None] * normal, push @ (normal @ pad.axis)
-
-
-@pytest.mark.parametrize('curvature', [0.0, 1.0 / 0.03])
 @pytest.mark.parametrize('radius', [25e-3, 4e-3])
-def test_tangent_of_a_pad_is_the_complex_step_of_its_push(squeezed, curvature, radius):
+def test_tangent_of_a_pad_is_the_derivative_of_its_push(squeezed, curvature, radius):
     model, contacts, solver = squeezed
     state = solver.solve(displaced(contacts, [2e-3, 2e-3]))
-    pad = replace(contacts[0].pad, curvature=curvature, radius=radius)
-    forced_pad = pad_field(model.shell, model.surface, {0: pad}, np.array([False]))
-    random = np.random.default_rng(1)
-    field = replace(
-        forced_pad, multipliers=1e3 * random.uniform(size=(1, len(model.shell.weights)))
-    )
-    depth = np.array([3e-3])
-    here = field.press(state.positions, depth, np.array([0.7]))
-    direction = random.normal(size=state.positions.shape)
+    body = replace(contacts[0].body, shape=RoundBar(radius, curvature))
+    field = contact_field(model.outer_face, model.wall_stiffness, {0: body}, np.array([False]))
+    direction = np.random.default_rng(1).normal(size=state.positions.shape)
+    still = np.zeros((1, 6))
 
-    def push(along, sink):
-        points = field.matrix @ state.positions + 1e-30j * along * (field.matrix @ direction)
-        force, total = push_of(
-            pad, depth[0] + 1e-30j * sink, points, field.multipliers[0], field.stiffness,
-            0.5 * model.shell.thickness, model.shell.weights,
-        )  # fmt: skip
-        gradient = -(field.matrix.T @ force).reshape(-1)
-        return gradient.real, gradient.imag / 1e-30, total.real, total.imag / 1e-30
+    def pressed(along, sink):
+        control = state.positions + along * direction
+        return field.press(control, np.array([3e-3 + sink]), np.array([0.7]), still)
 
-    def close(ours, theirs):
-        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9 * np.abs(theirs).max())
-
-    gradient, moved, force, pulled = push(1.0, 0.0)
-    close(here.gradient.reshape(-1), gradient)
-    close(here.force[0], force)
-    np.testing.assert_allclose(here.missing[0], 0.7 - force)
+    here = pressed(0.0, 0.0)
     values = np.zeros(len(model.shell.pattern.indices))
-    add_point_blocks(model.shell, here.stiffness, values)
+    field.add(here, values)
     matrix = model.shell.pattern.matrix(values)
     assert abs(matrix - matrix.T).max() < 1e-12 * abs(matrix).max()
-    close(matrix @ direction.reshape(-1), moved)
+    np.testing.assert_allclose(here.missing[0], 0.7 - here.force[0])
+    step = 1e-10
+
+    def close(ours, up, down):
+        slope = (up - down) / (2.0 * step)
+        np.testing.assert_allclose(ours, slope, rtol=0, atol=1e-4 * np.abs(slope).max())
+
+    up, down = pressed(step, 0.0), pressed(-step, 0.0)
+    close(matrix @ direction.reshape(-1), up.gradient.ravel(), down.gradient.ravel())
     # The force is minus the derivative of the stored energy by the depth: one symmetric whole.
-    close(-here.rows[:, 0] @ direction.reshape(-1), -pulled)
-    _, sunk, _, stiffer = push(0.0, 1.0)
-    close(here.rows[:, 0], sunk)
-    close(here.corner[0], stiffer)
+    close(-here.rows[:, 0] @ direction.reshape(-1), -up.force[0], -down.force[0])
+    up, down = pressed(0.0, step), pressed(0.0, -step)
+    close(here.rows[:, 0], up.gradient.ravel(), down.gradient.ravel())
+    close(here.corner[0], up.force[0], down.force[0])
 
 
 @pytest.mark.parametrize('force', [0.4, 0.9, 2.0, 3.4])

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from shell_deform.assemble.discretisation import Discretisation
 from shell_deform.contact.bodies import Body
-from shell_deform.contact.pads import Pad
 from shell_deform.surface.closest_point import ClosestPoints
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.frames import lateral_vectors
@@ -51,9 +50,7 @@ class ContactPatch:
         centre: (n,) basis values at the centre. spread: (n,) their mean over the patch.
         moments: (n, 3) mean over the patch of basis value times offset from the centre [m].
         inertia: mean squared offset across the axis [m^2].
-        pad: the round bar without friction that touches here, or None.
-        body: any other rigid body that touches here, or None. Without both the traction is
-            given (a pin).
+        body: the rigid body that touches here, or None where the traction is given (a pin).
         slides: whether nothing is held across the way of a body that does not rub.
     """
 
@@ -64,7 +61,6 @@ class ContactPatch:
     spread: Array
     moments: Array
     inertia: float
-    pad: Pad | None = None
     body: Body | None = None
     slides: bool = False
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from shell_deform.assemble.thick import ThickShell
 from shell_deform.contact.contact_field import ContactField, contact_field
-from shell_deform.contact.loads import ContactPatch, LoadError
-from shell_deform.contact.pad_contact import PadField, pad_field
+from shell_deform.contact.loads import ContactPatch
 from shell_deform.factor.base import Factor
 from shell_deform.factor.bordered import BorderedFactor
 from shell_deform.model import ShellModel, Tangent, diagonal_entry
@@ -38,8 +37,7 @@ class Borders:
         dead: (N,) other dead load [N]. driven: (k,) whether the displacement is prescribed and
             the push an unknown: pins only, since a pad pushes by itself.
         loose: (N, l) rigid motions that only the pads prevent, and only while they touch.
-        pads: the case's rigid pads, in the order of its contacts, or None.
-        field: the case's other rigid bodies, in the order of its contacts, or None.
+        field: the case's rigid bodies, in the order of its contacts, or None.
         pattern: (3 n, k) nodal forces on the control points that unit pushes amount to, where
             they work on other unknowns; None where that is `push`.
     """
@@ -50,7 +48,6 @@ class Borders:
     dead: Array
     driven: NDArray[np.bool_]
     loose: Array
-    pads: PadField | None = None
     field: ContactField | None = None
     pattern: Array | None = None
 
@@ -93,7 +90,6 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
             dead[: len(model.rest)] += contact.force_pattern(case.lateral[i])
     rows = np.stack(held, axis=1) if held else np.zeros((count, 0))
     rows = _independent(rows)
-    pads = {i: contact.pad for i, contact in enumerate(contacts) if contact.pad is not None}
     driven = case.driven & ~case.padded
     grip = np.concatenate([rows, measure[:, driven]], axis=1)
     left = free_rigid_modes(model.free_modes, grip, GRIP_TOLERANCE)
@@ -116,7 +112,6 @@ def borders(model: ShellModel, case: LoadCase) -> Borders:
         dead=dead.reshape(-1),
         driven=driven,
         loose=loose,
-        pads=pad_field(model.shell, model.surface, pads, case.driven),
         field=_field(model, case),
         pattern=pattern if isinstance(model.shell, ThickShell) else None,
     )
@@ -138,8 +133,6 @@ def _field(model: ShellModel, case: LoadCase) -> ContactField | None:
     bodies = {i: c.body for i, c in enumerate(case.contacts) if c.body is not None}
     if not bodies:
         return None
-    if any(contact.pad is not None for contact in case.contacts):
-        raise LoadError('pads and other bodies in one load case; make all of them bodies')
     return contact_field(model.outer_face, model.wall_stiffness, bodies, case.driven)
 
 

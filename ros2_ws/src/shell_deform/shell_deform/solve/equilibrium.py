@@ -87,8 +87,8 @@ class LoadCase:
 
     @property
     def padded(self) -> NDArray[np.bool_]:
-        """(k,) contacts that are rigid pads or other bodies."""
-        rigid = [c.pad is not None or c.body is not None for c in self.contacts]
+        """(k,) contacts that are rigid bodies."""
+        rigid = [c.body is not None for c in self.contacts]
         return np.array(rigid, dtype=bool)
 
     @property
@@ -170,7 +170,7 @@ class Equilibrium:
         grip_pose: (g, 6) the same with what is free of it. grip_wrench: (g, 6) force [N] on the
             object, and torque [N m] about the point about which it turns, where that has moved to.
         pressed_points: how many quadrature points each rigid pad or body presses.
-        touches: what each rigid body does to the points that it presses; not of pads.
+        touches: what each rigid body does to the points that it presses.
         memory: what the bodies' contacts remember for the next state, None without bodies.
         motion: (k, 6) of the bodies beside their depth, as in the load case, or None.
         history: up to three states that led here, this one last.

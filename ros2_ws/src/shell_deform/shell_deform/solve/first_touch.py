@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.contact.loads import ContactPatch
-from shell_deform.contact.pads import gap
 from shell_deform.model import ShellModel
 from shell_deform.solve.equilibrium import Equilibrium, forced
 from shell_deform.solve.newton import EquilibriumSolver
@@ -40,12 +39,11 @@ def first_touch(
     moved = alone.positions - model.rest
     depth = np.zeros(len(contacts))
     for k, contact in enumerate(contacts):
-        if contact.pad is None and contact.body is None:
+        if contact.body is None:
             depth[k] = float(np.sum(contact.displacement_row() * moved))
             continue
-        rigid = model.taken(contact)
         for _ in range(STEPS):
-            value, normal = _clearance(solver.model, rigid, alone.unknowns, float(depth[k]))
+            value, normal = _clearance(solver.model, contact, alone.unknowns, float(depth[k]))
             nearest = int(np.argmin(value))
             step = float(value[nearest] / max(normal[nearest] @ contact.axis, 0.1))
             depth[k] += step
@@ -58,10 +56,7 @@ def _clearance(
     model: ShellModel, contact: ContactPatch, control: Array, depth: float
 ) -> tuple[Array, Array]:
     """Distance (p,) [m] of the outer face from a rigid body at a depth [m], and its gradient."""
-    if contact.body is not None:
-        face = model.outer_face.positions(control)
-        there = contact.body.posed(depth, np.zeros(6)).distance(contact.body.shape, face)
-        return there.value, there.normal
-    assert contact.pad is not None
-    near = gap(contact.pad, depth, np.asarray(model.shell.value_matrix() @ control))
-    return near.value - 0.5 * model.shell.thickness, near.normal
+    assert contact.body is not None
+    face = model.outer_face.positions(control)
+    there = contact.body.posed(depth, np.zeros(6)).distance(contact.body.shape, face)
+    return there.value, there.normal

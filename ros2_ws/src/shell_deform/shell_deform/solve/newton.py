@@ -11,14 +11,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.contact.pad_contact import FIRST_STIFFNESS, LAST_STIFFNESS
 from shell_deform.factor.base import FactorError
 from shell_deform.solve.borders import Borders, borders, negative_directions
 from shell_deform.solve.contact_step import touched_tangent
 from shell_deform.solve.continuation import carried_on
 from shell_deform.solve.equilibrium import End, Equilibrium, LoadCase, PathState
 from shell_deform.solve.newton_step import NewtonOptions, StepSolver
-from shell_deform.solve.pads import pressed_tangent
 from shell_deform.solve.prediction import StepLoads, control_of, predicted
 from shell_deform.supports.grips import carried_as_one
 from shell_deform.theory import is_linear
@@ -32,16 +30,12 @@ ARC_LENGTH_BELOW = 1.0 / 32.0
 
 SNAPPED = 'the shell snaps and no state behind the snap was found'
 
-# Passes in which pads press home, each at first so many times as stiff as the one before.
-MOST_PAD_PASSES, PAD_STIFFENING = 30, 4.0
-
 
 class EquilibriumSolver(StepSolver):
     """Solves load case after load case of one model; the symbolic factorisation is kept."""
 
     def solve(self, case: LoadCase, start: Equilibrium | None = None) -> Equilibrium:
         """Equilibrium under `case`, from `start` (default: rest), by as few steps as converge."""
-        case = replace(case, contacts=tuple(map(self.model.taken, case.contacts)))
         self.take(self.model.on_contacts(case.contacts))
         if is_linear(self.model.theory) and not case.padded.any():
             return self._solve_linear(case)
@@ -88,11 +82,6 @@ class EquilibriumSolver(StepSolver):
             here, done, fraction, end = self._by_arc_length(edge, here, goal, fraction)
         if not done:
             message = SNAPPED if end is End.SNAP else message
-        if done and edge.pads is not None:
-            edge, here, message = self._pressed_home(edge, loads, here)
-            iterations += here.iterations
-            factorisations += here.factorisations
-            done = not message
         return replace(
             self._balanced(edge, here, case),
             converged=done,
@@ -116,36 +105,6 @@ class EquilibriumSolver(StepSolver):
             return here, False, fraction, End.LOST
         end = End.SNAP if snaps else End.CARRIED
         return here, share == 1.0, fraction + share * (1.0 - fraction), end
-
-    def _pressed_home(
-        self, edge: Borders, loads: StepLoads, here: Equilibrium
-    ) -> tuple[Borders, Equilibrium, str]:
-        """Let pads press until they sink in no further than `penetration`; why not, if not."""
-        iterations = factorisations = 0
-        message = f'the pads still sink in after {MOST_PAD_PASSES} passes'
-        stiffness, stiffer = FIRST_STIFFNESS, PAD_STIFFENING
-        for _ in range(MOST_PAD_PASSES):
-            assert edge.pads is not None
-            press = edge.pads.press(here.positions, here.displacement, loads.force)
-            if edge.pads.penetration(press) < self.options.penetration * self._wall:
-                message = ''
-                break
-            if stiffness * stiffer > LAST_STIFFNESS:
-                stiffer = 1.0
-            trial = replace(edge, pads=edge.pads.augmented(press, stiffer))
-            found = self.step(trial, loads, here)
-            iterations += found.iterations
-            factorisations += found.factorisations
-            if found.converged:
-                edge, here = trial, replace(found, history=here.history)
-                stiffness *= stiffer
-            elif stiffer > 1.0:
-                stiffer = np.sqrt(stiffer) if stiffer > 1.5 else 1.0
-            else:
-                message = found.message
-                break
-        here = replace(here, iterations=iterations, factorisations=factorisations)
-        return edge, here, message
 
     def sweep(self, cases: list[LoadCase], start: Equilibrium | None = None) -> list[Equilibrium]:
         """Equilibria of a list of load cases, each started from the ones before it."""
@@ -257,9 +216,6 @@ class EquilibriumSolver(StepSolver):
         """
         symmetric = replace(edge, measure=-edge.push)
         tangent = self.model.tangent(state.unknowns)
-        if edge.pads is not None:
-            press = edge.pads.press(state.positions, state.displacement, state.force)
-            tangent = pressed_tangent(tangent, edge.pads, press)
         if edge.field is not None:
             motion = np.zeros((len(state.force), 6)) if state.motion is None else state.motion
             touch = edge.field.press(state.unknowns, state.displacement, state.force, motion)

@@ -14,7 +14,6 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from shell_deform.contact.pad_contact import Press
 from shell_deform.factor.analysis import (
     Factor,
     FactorError,
@@ -27,7 +26,6 @@ from shell_deform.model import ShellModel, Tangent
 from shell_deform.solve.borders import Borders, bordered
 from shell_deform.solve.contact_step import ContactStep
 from shell_deform.solve.equilibrium import Equilibrium
-from shell_deform.solve.pads import pressed_state, pressed_tangent
 from shell_deform.solve.prediction import StepLoads
 
 Array = NDArray[np.float64]
@@ -53,7 +51,6 @@ class NewtonOptions:
             nothing left to correct but round-off.
         stability: whether to count negative modes at the end; with rigid pads they always are,
             since a flattened cap has more than one equilibrium.
-        penetration: of rigid pads, in wall thicknesses.
     """
 
     tolerance: float = 1e-9
@@ -65,7 +62,6 @@ class NewtonOptions:
     largest_move: float = 8.0
     settled_move: float = 1e-9
     stability: bool = False
-    penetration: float = 3e-4
 
 
 class StepLost(Exception):
@@ -78,14 +74,13 @@ class Iterate:
 
     Attributes:
         positions: (n, 3) control points [m]. moved: (N,) from rest [m], to more digits.
-        energy: [J]. gradient: (N,) of energy and pads [N]. press: what the pads do, if any.
+        energy: [J]. gradient: (N,) of it [N].
     """
 
     positions: Array
     moved: Array
     energy: float
     gradient: Array
-    press: Press | None
 
 
 @dataclass(frozen=True)
@@ -188,21 +183,18 @@ class StepSolver:
         loads = self.aimed(loads)
         now = self._first(borders, loads, start, guess)
         system: BorderedFactor | None = None
-        linearised_press: Press | None = None
         previous, iterations, factorisations = 1.0, 0, 0
-        most = options.factorisations if borders.pads is None else options.pad_factorisations
         message = 'Newton iterations did not converge'
         try:
-            while system is not None or factorisations < most:
+            while system is not None or factorisations < options.factorisations:
                 if system is None:
                     now, tangent = self._linearised(borders, loads, now)
-                    linearised_press = now.press
                     factorisations += 1
                     system = self.system(tangent, borders)
-                found = self._correction(system, borders, loads, now, linearised_press)
+                found = self._correction(system, borders, loads, now)
                 iterations += 1
                 self._refuse_leap(found, linear)
-                now = self._corrected(borders, loads, now, found, linearised_press)
+                now = self._corrected(loads, now, found)
                 judged = self._judged(borders, loads, now, found)
                 if judged.balanced or linear:
                     state = self._equilibrium(borders, loads, now, found, judged, linear)
@@ -226,19 +218,13 @@ class StepSolver:
         """Where the iteration begins."""
         positions = start.unknowns if guess is None else guess
         moved = (positions - self.model.start).reshape(-1)
-        press = None
-        if borders.pads is not None:
-            depth = borders.pads.start(loads.moved, start.displacement)
-            press = borders.pads.press(positions, depth, loads.force)
-        return Iterate(positions, moved, 0.0, np.zeros_like(moved), press)
+        return Iterate(positions, moved, 0.0, np.zeros_like(moved))
 
     def _linearised(
         self, borders: Borders, loads: StepLoads, now: Iterate
     ) -> tuple[Iterate, Tangent]:
         """The iterate with the gradient there, and the tangent. Raises StepLost."""
         tangent = self.model.tangent(now.positions, loads.target, now.moved.reshape(-1, 3))
-        if borders.pads is not None and now.press is not None:
-            tangent = pressed_tangent(tangent, borders.pads, now.press)
         if not np.all(np.isfinite(tangent.gradient)):
             raise StepLost(self.folded(now.positions))
         return replace(now, gradient=tangent.gradient), tangent
@@ -249,13 +235,10 @@ class StepSolver:
         borders: Borders,
         loads: StepLoads,
         now: Iterate,
-        linearised_press: Press | None,
     ) -> Correction:
         """The residual forces and constraints solved with the tangent at hand."""
         given = ~borders.driven
         unbalanced = borders.push[:, given] @ loads.force[given] + loads.dead - now.gradient
-        if now.press is not None and linearised_press is not None:
-            unbalanced -= linearised_press.eliminated(now.press)
         missing = (loads.moved - borders.measure.T @ now.moved)[borders.driven]
         constraints = np.concatenate([missing, -borders.held.T @ now.moved])
         step, unknowns = system.solve(unbalanced, constraints, refinements=1)
@@ -271,14 +254,7 @@ class StepSolver:
         if found.largest > self.options.largest_move * self._wall and not linear:
             raise StepLost(f'an iteration moved the surface by {1e3 * found.largest:.1f} mm')
 
-    def _corrected(
-        self,
-        borders: Borders,
-        loads: StepLoads,
-        now: Iterate,
-        found: Correction,
-        linearised_press: Press | None,
-    ) -> Iterate:
+    def _corrected(self, loads: StepLoads, now: Iterate, found: Correction) -> Iterate:
         """The iterate after a correction, with the gradient there."""
         moved = now.moved + found.step
         positions = self.model.start + moved.reshape(-1, 3)
@@ -286,18 +262,13 @@ class StepSolver:
         if settled is not positions:
             positions, moved = settled, (settled - self.model.start).reshape(-1)
         energy, gradient = self.model.gradient(positions, loads.target, moved.reshape(-1, 3))
-        press = now.press
-        if borders.pads is not None and press is not None and linearised_press is not None:
-            depth = linearised_press.follow(press, found.step)
-            press = borders.pads.press(positions, depth, loads.force)
-            gradient = gradient + press.gradient.reshape(-1)
-        return Iterate(positions, moved, energy, gradient, press)
+        return Iterate(positions, moved, energy, gradient)
 
     def _judged(
         self, borders: Borders, loads: StepLoads, now: Iterate, found: Correction
     ) -> Judgement:
         """How far forces are from balance, and whether that is near enough. Raises StepLost."""
-        options, press = self.options, now.press
+        options = self.options
         carried = borders.push @ found.pushes + loads.dead
         held = borders.held @ found.multipliers
         unbalanced = now.gradient - carried + held
@@ -305,12 +276,10 @@ class StepSolver:
         scale = max(
             float(np.linalg.norm(carried)),
             float(np.linalg.norm(held)),
-            0.0 if press is None else float(np.linalg.norm(press.gradient)),
             self.support_force(now.moved.reshape(-1, 3), loads.target),
             noise,
         )
-        missing = 0.0 if press is None else float(np.linalg.norm(press.missing))
-        residual = float(np.hypot(np.linalg.norm(unbalanced), missing)) / scale
+        residual = float(np.linalg.norm(unbalanced)) / scale
         small = found.largest < options.settled_move * self._wall
         settled = small and residual < options.chord_residual
         balanced = residual < options.tolerance + noise / scale or settled
@@ -329,7 +298,7 @@ class StepSolver:
     ) -> Equilibrium:
         """The iterate as the answer of the step."""
         singular = linear and judged.residual >= LINEAR_RESIDUAL
-        state = Equilibrium(
+        return Equilibrium(
             converged=not singular,
             message='the linear system is singular' if singular else '',
             positions=now.positions[: len(self.model.rest)],
@@ -346,9 +315,6 @@ class StepSolver:
             dead_load=loads.dead[: 3 * len(self.model.rest)],
             grip_motion=loads.grip_motion,
         )
-        if borders.pads is None or now.press is None:
-            return state
-        return pressed_state(state, borders.pads, now.press)
 
     def aimed(self, loads: StepLoads) -> StepLoads:
         """The loads with where they move the springs of the model to."""

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from PIL import Image
+from scipy import ndimage
 from sensor_msgs.msg import PointCloud2
 from view_browser import buttons, choose, displacement_mm, enter, picture
 
@@ -76,7 +77,7 @@ def test_force_modulus_theory_and_pressure_change_the_dent_as_physics_says(
     running = view('what_if:=true')
     tab = open_tab(1280, 860)
     tab.goto(f'http://127.0.0.1:{port}')
-    wait_until(lambda: buttons(tab) == {'Screenshot'}, 60)
+    wait_until(lambda: 'Screenshot' in buttons(tab), 60)
 
     def dent(old: float, apart: float = 0.03) -> float:
         """The settled dent (mm), which the page shows too."""
@@ -121,11 +122,13 @@ def test_a_finger_dragged_in_the_browser_takes_its_opposite_along(
     tab.goto(f'http://127.0.0.1:{port}')
 
     def handle() -> np.ndarray:
-        """Pixels (n, 2) of the blue ball that is finger 1: x, y."""
+        """Pixels (n, 2) of the blue ball that is finger 1, the largest blue thing: x, y."""
         tab.wait_for_timeout(150)
         shot = Image.open(io.BytesIO(tab.screenshot())).convert('RGB')
         red, _, blue = np.moveaxis(np.asarray(shot).astype(int)[:, 310:950], 2, 0)
-        rows, columns = np.nonzero((blue > 150) & (red < 90) & (blue - red > 110))
+        parts, _ = ndimage.label((blue > 90) & (red < 90) & (blue - red > 70))
+        sizes = np.bincount(parts.ravel(), minlength=2)[1:]
+        rows, columns = np.nonzero(parts == 1 + int(np.argmax(sizes)))
         return np.column_stack([columns + 310, rows])
 
     wait_until(lambda: len(handle()) > 100, 110, lambda: running.text)

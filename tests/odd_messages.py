@@ -76,6 +76,8 @@ class OddMessages:
             return value if kind == 'double' or not abs(value) > 3e38 else math.inf
         if kind == 'boolean':
             return bool(self._random.integers(2))
+        if kind == 'octet':
+            return bytes([int(self._random.integers(256))])
         return self.whole(kind)
 
     def _sequence(self, made: Any, name: str, item: Any) -> Any:

@@ -11,6 +11,7 @@ from shell_deform.live.tick.diagnosis import Condition, judge, values
 from shell_deform.live.tick.health import Figures, process_age, resident
 from shell_deform.live.tick.modulus import ModulusEstimate
 from shell_deform.live.tick.states import LiveState
+from shell_deform.theory.relaxation import log_law
 
 
 def adopted(share=1.0):
@@ -28,7 +29,7 @@ def well():
         state=LiveState.CONTACT,
         figures=Figures(),
         link=SimpleNamespace(worker=worker, restarts=3, trouble='', processes=[os.getpid()]),
-        estimator=SimpleNamespace(adopted=None),
+        estimator=SimpleNamespace(adopted=None, hold=None),
         served=None,
         modulus=None,
         failure='',
@@ -49,7 +50,11 @@ def test_a_served_contact_is_ok(well):
         ({'state': LiveState.STALE}, 'stale', 'no fresh contacts'),
         ({'estimator': None}, 'warn', 'building the shell'),
         ({'served': served(4.0)}, 'warn', 'contradict: gauge 2'),
-        ({'estimator': SimpleNamespace(adopted=adopted(0.5))}, 'warn', 'the dent snaps through'),
+        (
+            {'estimator': SimpleNamespace(adopted=adopted(0.5), hold=None)},
+            'warn',
+            'the dent snaps through',
+        ),
         ({'served': served(taking_up=True)}, 'warn', 'taking up the contacts'),
         ({'state': LiveState.SATURATED}, 'warn', 'a gauge is saturated'),
     ],
@@ -58,6 +63,13 @@ def test_what_is_wrong_is_told_with_its_reason(well, change, level, sentence):
     found, summary = judge(replace(well, **change))
     assert found == level
     assert sentence in summary
+
+
+def test_a_hold_beyond_what_the_law_is_known_for_is_told(well):
+    hold = SimpleNamespace(law=log_law(0.03, 1.0, 600.0), oldest=900.0)
+    found, summary = judge(replace(well, estimator=SimpleNamespace(adopted=None, hold=hold)))
+    assert found == 'warn'
+    assert '900 s is longer than the 600 s' in summary
 
 
 def test_a_dead_background_process_is_told(well):

@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 
 from shell_deform.assemble.kernels import (
-    add_rows,
     gather_derivatives,
     mirror,
-    respond,
     scatter_blocks,
     scatter_force,
 )
@@ -24,13 +22,14 @@ from shell_deform.assemble.thick_kernels import (
     ThickElements,
     ThickMaterial,
     ThickPoints,
-    _set_hessian,
-    _set_pulled_back,
-    add_shear_stiffness,
+    add_point_stiffness,
+    block_work,
     gather_shear,
     point_work,
-    respond_to_shear,
     scatter_shear,
+    set_hessian,
+    set_point_response,
+    set_pulled_back,
     wall_point,
 )
 from shell_deform.compiled.kernel_arrays import float_rows, floats
@@ -66,10 +65,10 @@ def held_point(
         stress[k] = held[k]
         if k < 11 or pressed:
             total += held[k] * s[k]
-    _set_pulled_back(stress, jac_s, jac_m, work[14], force)
+    set_pulled_back(stress, jac_s, jac_m, work[14], force)
     if stiff:
         tangent[:, :] = 0.0
-        _set_hessian(q, shear, axis, sheared, hessian, work)
+        set_hessian(q, shear, axis, sheared, hessian, work)
     return total
 
 
@@ -97,9 +96,7 @@ def thick_held_tangent(
     q, shear = float_rows(5, 3), floats(6, 0.0)
     force, hessian = floats(21, 0.0), float_rows(21, 24)
     stiffness = float_rows(largest if stiff else 0, 9 * largest)
-    response, forces = float_rows(6, 9 * largest), float_rows(2 * largest, 24)
-    response[5, :] = 0.0
-    ordered, mixed = float_rows(5, 45), floats(45, 0.0)
+    blocks = block_work(largest)
     total = 0.0
     for element in range(len(offsets) - 1):
         own = nodes[offsets[element] : offsets[element + 1]]
@@ -123,15 +120,8 @@ def thick_held_tangent(
             scatter_shear(sheared, shear_rows, first, 1.0, force, gradient)
             if not stiff:
                 continue
-            for i in range(21):
-                for j in range(21):
-                    hessian[i, j] *= weight
-            respond(row, hessian, ordered, mixed, response)
-            if shears > 0:
-                respond_to_shear(controls, shears, shear_rows, first, hessian, forces, response)
-                add_shear_stiffness(controls, shears, shear_rows, first, forces, stiffness)
-            for k in range(controls):
-                add_rows(row[k], value[k], response, 9 * k, 9 * (controls + shears), stiffness[k])
+            set_point_response(weight, row, hessian, blocks)
+            add_point_stiffness(shears, row, value, shear_rows, first, hessian, blocks, stiffness)
         if stiff:
             scatter_blocks(own, stiffness, block_offsets[element], block_start, row_length, data)
     if stiff:

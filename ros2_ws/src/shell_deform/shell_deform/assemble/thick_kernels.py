@@ -59,6 +59,8 @@ PointWork = types.Tuple(
     )
 )  # fmt: skip
 
+BlockWork = types.Tuple((FloatRows, FloatRows, FloatRows, Floats))
+
 ThickElements = types.Tuple((Longs, Longs, Longs, Longs, Longs, Longs))
 """First node of each element, nodes, control points and shear nodes of each, first point, row."""
 
@@ -84,7 +86,7 @@ def point_work() -> Any:
 
 
 @kernel(Void, FloatRows, Floats, Floats, Bool, FloatRows, PointWork)
-def _set_hessian(q: Any, shear: Any, axis: Any, sheared: bool, hessian: Any, work: Any) -> None:
+def set_hessian(q: Any, shear: Any, axis: Any, sheared: bool, hessian: Any, work: Any) -> None:
     """The Hessian of `wall_point`: J^T D J and the curvature of the strains themselves."""
     m, jac_m, turned, s, jac_s, between, inner, lk, solve, stress, tangent, follow = work[:12]
     hess_m, mixed, by_m = work[12], work[13], work[14]
@@ -101,7 +103,7 @@ def _set_hessian(q: Any, shear: Any, axis: Any, sheared: bool, hessian: Any, wor
 
 
 @kernel(Void, Floats, FloatRows, FloatRows, Floats, Floats)
-def _set_pulled_back(by_s: Any, jac_s: Any, jac_m: Any, by_m: Any, by_y: Any) -> None:
+def set_pulled_back(by_s: Any, jac_s: Any, jac_m: Any, by_m: Any, by_y: Any) -> None:
     """by_m (12,) and by_y (21,) = by_s jac_s jac_m of a derivative by_s (12,) by the strains."""
     for j in range(12):
         by_m[j] = 0.0
@@ -144,7 +146,7 @@ def wall_point(
     energy = wall_stress(sheared, curved, s, h, push, s[11], lk, stress, tangent, solve)
     top = h * (0.5 * lk[0] + 0.25 * lk[1])
     face[0], face[1], face[2], face[3] = lk[0], lk[1], s[11] * top, 0.0
-    _set_pulled_back(stress, jac_s, jac_m, by_m, force)
+    set_pulled_back(stress, jac_s, jac_m, by_m, force)
     if curved:
         eliminate_thickness(12, tangent, follow)
     if pressed:
@@ -157,9 +159,9 @@ def wall_point(
         for k in range(12):
             by_s[k] = -s[11] * (half * follow[0, k] + quarter * follow[1, k])
         by_s[11] += top
-        _set_pulled_back(by_s, jac_s, jac_m, mixed[1], reach)
+        set_pulled_back(by_s, jac_s, jac_m, mixed[1], reach)
     if stiff:
-        _set_hessian(q, shear, axis, sheared, hessian, work)
+        set_hessian(q, shear, axis, sheared, hessian, work)
     return energy - push * s[11] * top
 
 
@@ -239,6 +241,42 @@ def add_shear_stiffness(
                 out[at + 3 * i + 1] += value_1
 
 
+@kernel(BlockWork, Int)
+def block_work(largest: int) -> Any:
+    """Work space of `set_point_response` and `add_point_stiffness` for so many nodes."""
+    return (
+        float_rows(6, 9 * largest), float_rows(2 * largest, 24), float_rows(5, 45),
+        floats(45, 0.0),
+    )  # fmt: skip
+
+
+@kernel(Void, Float, FloatRows, FloatRows, BlockWork)
+def set_point_response(weight: float, row: Any, hessian: Any, blocks: Any) -> None:
+    """Forces on a point of area `weight` per motion of its control points; scales `hessian`."""
+    response, forces, ordered, mixed = blocks
+    for i in range(21):
+        for j in range(21):
+            hessian[i, j] *= weight
+    respond(row, hessian, ordered, mixed, response)
+
+
+@kernel(
+    Void, Int, FloatRows, Floats, FloatRows, Int, FloatRows, BlockWork, FloatRows
+)  # fmt: skip
+def add_point_stiffness(
+    shears: int, row: Any, value: Any, shear_rows: Any, first: int, hessian: Any, blocks: Any,
+    stiffness: Any,
+) -> None:  # fmt: skip
+    """Add a point's blocks of control points and shear nodes, after `set_point_response`."""
+    response, forces, ordered, mixed = blocks
+    controls = len(row)
+    if shears > 0:
+        respond_to_shear(controls, shears, shear_rows, first, hessian, forces, response)
+        add_shear_stiffness(controls, shears, shear_rows, first, forces, stiffness)
+    for k in range(controls):
+        add_rows(row[k], value[k], response, 9 * k, 9 * (controls + shears), stiffness[k])
+
+
 @kernel(Void, FloatRows, Floats, FloatRows, Int, Int, Floats, Floats, Floats, Floats)
 def _set_reach(
     rows: Any, values: Any, shear_rows: Any, first: int, shears: int, axis: Any, arms: Any,
@@ -307,8 +345,7 @@ def thick_tangent(
     q, shear, face = float_rows(5, 3), floats(6, 0.0), floats(4, 0.0)
     force, reach, hessian = floats(21, 0.0), floats(21, 0.0), float_rows(21, 24)
     stiffness = float_rows(largest if stiff else 0, 9 * largest)
-    response, forces = float_rows(6, 9 * largest), float_rows(2 * largest, 24)
-    ordered, mixed = float_rows(5, 45), floats(45, 0.0)
+    blocks = block_work(largest)
     spread, spreads = floats(3 * largest, 0.0), floats(3 * largest, 0.0)
     total = 0.0
     for element in range(len(offsets) - 1):
@@ -360,18 +397,11 @@ def thick_tangent(
             scatter_shear(sheared, shear_rows, first, 1.0, force, gradient)
             if not stiff:
                 continue
-            for i in range(21):
-                for j in range(21):
-                    hessian[i, j] *= weight
-            respond(row, hessian, ordered, mixed, response)
+            set_point_response(weight, row, hessian, blocks)
             if pressure != 0.0:
                 gather_place(corners, value, positions, x)
-                add_gas_response(-pressure * weight / 3.0, row, value, x, q, response)
-            if shears > 0:
-                respond_to_shear(controls, shears, shear_rows, first, hessian, forces, response)
-                add_shear_stiffness(controls, shears, shear_rows, first, forces, stiffness)
-            for k in range(controls):
-                add_rows(row[k], value[k], response, 9 * k, 9 * (controls + shears), stiffness[k])
+                add_gas_response(-pressure * weight / 3.0, row, value, x, q, blocks[0])
+            add_point_stiffness(shears, row, value, shear_rows, first, hessian, blocks, stiffness)
         if soft > 0.0:
             # One pressure for all pressed points of the element, eliminated from its own equation.
             for k in range(size):

@@ -8,6 +8,7 @@ deformed one answers, by compiled kernels or their numpy twins. Positions are co
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -36,6 +37,17 @@ if HAVE_NUMBA:
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+
+def summed(
+    part: Callable[[int], tuple[float, Array, Array]], threads: int
+) -> tuple[float, Array, Array]:
+    """Sums of what the parts give, in their order, each in a thread of its own."""
+    if threads == 1:
+        return part(0)
+    with ThreadPoolExecutor(threads) as pool:
+        energies, gradients, values = zip(*pool.map(part, range(threads)), strict=True)
+    return sum(energies), np.sum(gradients, axis=0), np.sum(values, axis=0)
 
 
 @dataclass(frozen=True)
@@ -150,11 +162,7 @@ class Discretisation(ShellPoints):
                 bounds[number], bounds[number + 1], theory, positions, pressure
             )
 
-        if self.threads == 1:
-            return part(0)
-        with ThreadPoolExecutor(self.threads) as pool:
-            energies, gradients, values = zip(*pool.map(part, range(self.threads)), strict=True)
-        return sum(energies), np.sum(gradients, axis=0), np.sum(values, axis=0)
+        return summed(part, self.threads)
 
     def _tangent_of(
         self, first: int, last: int, theory: str, positions: Array, pressure: float

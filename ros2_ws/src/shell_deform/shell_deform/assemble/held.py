@@ -73,7 +73,7 @@ class HeldWall:
             np.ascontiguousarray(pattern.indptr[:-1:3]), pattern.row_length, pattern.indices, data,
         )  # fmt: skip
         if isinstance(shell, ThickShell):
-            elements, points, stamps = shell._arguments[:3]
+            elements, points, stamps = shell.kernel_arguments[:3]
             energy = thick_held_kernels.thick_held_tangent(
                 stiff, elements, points, stamps, self._stress, positions, gradient, *places
             )
@@ -118,9 +118,9 @@ def elastic_stress(shell: Discretisation, theory: str, positions: Array) -> Arra
         strain = THEORIES[theory].strains(shell.derivatives(positions), shell.reference)
         return plain.wall_stress(shell, strain).ravel()
     out = np.zeros((len(shell.weights), THICK_STRESSES))
-    arguments: Any = (*shell._arguments, np.ascontiguousarray(positions), out)
+    arguments: Any = (*shell.kernel_arguments, np.ascontiguousarray(positions), out)
     if not thick_held_kernels.thick_stresses(*arguments):
         raise ValueError('a point of the wall has no equilibrium')
     first = 3 * (shell.first_pin + len(shell.stamps))
     cells = positions.reshape(-1)[first : first + shell.pressed.cells]
-    return np.concatenate([out.ravel(), shell._pressure_unit * cells])
+    return np.concatenate([out.ravel(), shell.pressure_unit * cells])

@@ -14,7 +14,7 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,7 +24,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from shell_deform.assemble.discretisation import Discretisation, discretise
+from shell_deform.assemble.discretisation import Discretisation, discretise, summed
 from shell_deform.assemble.shear_nodes import (
     ElementUnknowns,
     element_unknowns,
@@ -122,7 +122,7 @@ class ThickShell(Discretisation):
     @property
     def stiffest(self) -> float:
         """Largest stiffness [N/m]: of the wall against a change of volume, or under a pin."""
-        shear, bulk = self._arguments[3][:2]
+        shear, bulk = self.kernel_arguments[3][:2]
         squeezed = max((stamp.radius**2 for stamp in self.stamps), default=0.0)
         reach = max(float(self.thickness.max()), squeezed / float(self.thickness.min()))
         return float((bulk + 4.0 / 3.0 * shear) * reach)
@@ -229,7 +229,7 @@ class ThickShell(Discretisation):
             )
             return energy, gradient, data
 
-        energy, gradient, data = part(0) if self.threads == 1 else _summed(part, self.threads)
+        energy, gradient, data = summed(part, self.threads)
         if not np.isfinite(energy):
             gradient = np.full_like(gradient, np.nan)
         return energy, gradient, data
@@ -284,7 +284,7 @@ class ThickShell(Discretisation):
         states = self.point_states(positions, self.pressed.point)
         if states is None:
             return positions
-        compliance = self._arguments[3][3]
+        compliance = self.kernel_arguments[3][3]
         height, squeeze, push = states[:, 2], states[:, 3], states[:, 4]
         cell, weight = self.pressed.cell, self.weights[self.pressed.point]
         missing = np.bincount(cell, weight * (height - compliance * push))
@@ -292,7 +292,7 @@ class ThickShell(Discretisation):
         result = np.array(positions)
         first = 3 * (self.first_pin + len(self.stamps))
         result.reshape(-1)[first : first + self.pressed.cells] += (
-            missing / soft / self._pressure_unit
+            missing / soft / self.pressure_unit
         )
         return result
 
@@ -318,7 +318,8 @@ class ThickShell(Discretisation):
         def part(number: int) -> bool:
             own = slice(bounds[number], bounds[number + 1])
             arguments: Any = (
-                *self._arguments, positions, chosen[own], element[own].astype(np.int64), out[own],
+                *self.kernel_arguments, positions, chosen[own], element[own].astype(np.int64),
+                out[own],
             )  # fmt: skip
             return bool(thick_kernels.point_states(*arguments))
 
@@ -339,7 +340,7 @@ class ThickShell(Discretisation):
         gradient: Array, data: Array,
     ) -> float:  # fmt: skip
         pattern = self.pattern
-        elements, points, stamps, material = self._arguments
+        elements, points, stamps, material = self.kernel_arguments
         offsets, nodes, controls, shears, point_offsets, row_offsets = elements
         part = (
             offsets[first : last + 1], nodes, controls[first:last], shears[first:last],
@@ -353,7 +354,8 @@ class ThickShell(Discretisation):
         return float(thick_kernels.thick_tangent(*arguments))
 
     @property
-    def _pressure_unit(self) -> float:
+    def pressure_unit(self) -> float:
+        """Pressure of one unit of its unknown, E / h [Pa/m]."""
         return self.material.young_modulus / float(self.wall.mean())
 
     @cached_property
@@ -367,7 +369,8 @@ class ThickShell(Discretisation):
         return -self.reference.curvature
 
     @cached_property
-    def _arguments(self) -> Any:
+    def kernel_arguments(self) -> Any:
+        """What the compiled loops take: elements, points, stamps, material."""
         pressed = self.pressed
         of_point = np.full(len(self.weights), -1, dtype=np.int64)
         of_point[pressed.point] = np.arange(len(pressed.point))
@@ -384,7 +387,7 @@ class ThickShell(Discretisation):
             ),
             (of_point, pressed.axis, pressed.height, pressed.arm, self._pressure_dofs),
             (
-                0.5 * e / (1.0 + nu), e / 3.0 / (1.0 - 2.0 * nu), self._pressure_unit,
+                0.5 * e / (1.0 + nu), e / 3.0 / (1.0 - 2.0 * nu), self.pressure_unit,
                 EXTRA_COMPLIANCE * float(self.wall.mean()) / e,
             ),
         )  # fmt: skip
@@ -441,15 +444,6 @@ class ThickShell(Discretisation):
         matrix = sp.csr_matrix((share.ravel(), (corners.ravel(), p)), shape=shape)
         total = np.asarray(matrix.sum(axis=1)).ravel()
         return sp.diags(1.0 / np.where(total > 0, total, 1.0)) @ matrix
-
-
-def _summed(
-    part: Callable[[int], tuple[float, Array, Array]], threads: int
-) -> tuple[float, Array, Array]:
-    """Sums of what the parts give, in their order, each in a thread of its own."""
-    with ThreadPoolExecutor(threads) as pool:
-        energies, gradients, values = zip(*pool.map(part, range(threads)), strict=True)
-    return sum(energies), np.sum(gradients, axis=0), np.sum(values, axis=0)
 
 
 def thick_shell(

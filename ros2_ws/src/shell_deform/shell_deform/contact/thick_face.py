@@ -69,7 +69,7 @@ class ThickFace:
     def _arguments(self) -> tuple[Any, ...]:
         points = self.points
         # The last part of a thick shell's arguments is its material.
-        modulus, bulk, *_ = self.shell._arguments[3]
+        modulus, bulk, *_ = self.shell.kernel_arguments[3]
         return (
             (
                 self.elements.offsets, self.elements.nodes, np.diff(points.node_offsets),

@@ -4,9 +4,7 @@ unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH CMAKE_PREFIX_PATH LD_LI
 export PYTHONUNBUFFERED = 1
 
 PYTHON ?= python3
-# Real processes share two cores here: a test that a busy machine starved gets one more try, and the
-# summary counts it.
-PYTEST := -m pytest -n 2 --dist loadfile --no-loadscope-reorder --reruns 1
+PYTEST := -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 BIN := .venv/bin
 PACKAGES := grasp_common barrett_hand_bridge shell_deform scan_compare grasp_replay grasp_view
 SOURCES := $(addprefix ros2_ws/src/,$(PACKAGES))

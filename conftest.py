@@ -18,6 +18,7 @@ import pytest
 from hypothesis import settings
 from tests.chromium import chromium, installed, new_tab
 from tests.executables import executable
+from tests.patience import Patience
 
 # A busy machine must not fail an example for its time.
 settings.register_profile('untimed', deadline=None)
@@ -42,13 +43,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files that start processes come first: one of these at the end would idle a core."""
     long = {item.path for item in items if {'start', 'open_tab'} & set(item.fixturenames)}
     items.sort(key=lambda item: item.path not in long)
-
-
-def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """A test that passed at its second try says why it failed at the first."""
-    for report in terminalreporter.stats.get('rerun', []):
-        terminalreporter.section(f'first try of {report.nodeid}')
-        terminalreporter.write_line(report.longreprtext)
 
 
 @pytest.fixture
@@ -97,13 +91,21 @@ class Running:
             self._asked = True
             self.process.send_signal(sig)
 
+    def ended(self, timeout: float = 60.0) -> int:
+        """Wait until it ends by itself; returns its exit code."""
+        wait_until(
+            lambda: self.process.poll() is not None, timeout, lambda: f'runs on:\n{self.text}'
+        )
+        return int(self.process.returncode)
+
     def stop(self, sig: int = signal.SIGINT, timeout: float = 10.0) -> int:
         """End it by `sig`, then by SIGKILL; returns its exit code."""
         if self.process.poll() is None:
             self.ask(sig)
-            try:
-                self.process.wait(timeout)
-            except subprocess.TimeoutExpired:
+            patience = Patience(timeout)
+            while self.process.poll() is None and not patience.over:
+                time.sleep(0.01)
+            if self.process.poll() is None:
                 self.process.kill()
                 self.process.wait()
         return self.process.returncode
@@ -114,10 +116,10 @@ def wait_until(
     timeout: float = 30.0,
     message: Callable[[], str] = lambda: 'condition not met in time',
 ) -> None:
-    """Poll `condition` every 10 ms until it is true or `timeout` seconds are over."""
-    deadline = time.monotonic() + timeout
+    """Poll `condition` every 10 ms until it is true or `timeout` seconds of patience are over."""
+    patience = Patience(timeout)
     while not condition():
-        if time.monotonic() > deadline:
+        if patience.over:
             pytest.fail(message())
         time.sleep(0.01)
 

@@ -37,7 +37,7 @@ def test_a_node_that_is_ended_at_any_moment_leaves_nothing(
         time.sleep(moments.uniform(0.0, 3.0))
         below = descendants(node.process.pid)
         node.process.send_signal(number)
-        code = node.process.wait(30.0)
+        code = node.ended()
         # A signal that comes before a node has begun ends it as it stands.
         assert code in ((-number,) if number == signal.SIGKILL else (-number, 0)), node.text
         wait_until(lambda below=below: not any(map(living, below)), 10.0)

@@ -20,7 +20,6 @@ def test_there_are_three() -> None:
     assert len(TUTORIALS) == 3
 
 
-@pytest.mark.timeout(500)
 @pytest.mark.parametrize('page', TUTORIALS, ids=lambda page: page.stem)
 def test_a_tutorial_runs_as_written(page: Path, tmp_path: Path, domain_id: int) -> None:
     (tmp_path / 'bags').symlink_to(ROOT / 'bags')

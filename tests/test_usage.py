@@ -44,7 +44,6 @@ def test_a_usage_text_loads_no_solver_and_no_ros(module: str, name: str) -> None
     assert asked.stdout.startswith('usage: ') and '--version' in asked.stdout
 
 
-@pytest.mark.timeout(400)
 def test_what_is_said_twice_is_the_same() -> None:
     from scan_compare import parameters
     from scan_compare.registration import SCANNER_SIGMA

@@ -27,7 +27,7 @@ def test_every_executable_refuses_an_option_it_does_not_know(package, name):
         [Path(sys.executable).parent / name, '--no-such-option'],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
         check=False,
     )
     assert asked.returncode == 2, asked.stderr
@@ -52,7 +52,7 @@ def build(base, sources, *options):
         '--base-paths', str(sources),
         '--build-base', str(base / 'build'), '--install-base', str(base / 'install'),
     ]  # fmt: skip
-    built = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    built = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert built.returncode == 0, built.stdout + built.stderr
 
 
@@ -60,7 +60,7 @@ def colcon(*arguments):
     """What colcon says to these arguments."""
     return subprocess.run(
         [sys.executable, '-m', 'colcon', *map(str, arguments)],
-        capture_output=True, text=True, timeout=390, check=False,
+        capture_output=True, text=True, timeout=600, check=False,
     )  # fmt: skip
 
 
@@ -84,13 +84,12 @@ def from_sites(folders, *arguments):
         [sys.executable, *arguments],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
         check=False,
         env=environment,
     )
 
 
-@pytest.mark.timeout(400)
 @pytest.mark.parametrize(('package', 'name'), ALL)
 def test_every_executable_starts_from_the_colcon_install(install, package, name):
     command = install / package / 'lib' / package / name
@@ -104,7 +103,6 @@ def test_every_executable_starts_from_the_colcon_install(install, package, name)
 FIRST_USE = 'import shell_deform.compiled.kernel_types as k; print(k.__file__, k.COMPLETE)'
 
 
-@pytest.mark.timeout(400)
 def test_the_first_use_of_the_colcon_install_finds_its_kernels_compiled(install):
     first = from_sites(sites(install), '-c', FIRST_USE)
     place, complete = first.stdout.split()
@@ -112,7 +110,6 @@ def test_the_first_use_of_the_colcon_install_finds_its_kernels_compiled(install)
     assert (complete, first.stderr) == ('True', '')
 
 
-@pytest.mark.timeout(400)
 def test_the_first_use_of_a_symlinked_workspace_finds_its_kernels_compiled(tmp_path):
     package = ROOT / 'ros2_ws' / 'src' / 'shell_deform'
     unused = shutil.ignore_patterns('__pycache__', '*.egg-info')
@@ -124,7 +121,6 @@ def test_the_first_use_of_a_symlinked_workspace_finds_its_kernels_compiled(tmp_p
     assert (complete, first.stderr) == ('True', '')
 
 
-@pytest.mark.timeout(400)
 @pytest.mark.parametrize('package', ['grasp_common', 'grasp_view'])
 def test_colcon_test_finds_the_executables_of_the_built_workspace(install, package):
     base = install.parent

@@ -157,7 +157,6 @@ def emulated(start, *options):
     return json.loads(emulator.text.splitlines()[0])['port'], emulator
 
 
-@pytest.mark.timeout(180)
 def test_a_ball_is_grasped_from_start_to_force(start, listener, ball):
     node = bridge(
         start, 'backend:=emulator', f'emulator_object:={ball}', 'initialize_on_start:=true',
@@ -238,7 +237,6 @@ def test_a_ball_is_grasped_from_start_to_force(start, listener, ball):
     assert 'Traceback' not in node.text
 
 
-@pytest.mark.timeout(180)
 def test_a_lost_hand_is_stale_at_once_and_wants_a_tare_when_it_is_back(
     start, listener, tmp_path, calibration
 ):
@@ -257,7 +255,6 @@ def test_a_lost_hand_is_stale_at_once_and_wants_a_tare_when_it_is_back(
     assert node.stop(signal.SIGTERM) == 0
 
 
-@pytest.mark.timeout(180)
 def test_stop_interrupts_a_slow_close(start, listener, ball):
     bridge(
         start, 'backend:=emulator', f'emulator_object:={ball}', 'initialize_on_start:=true',
@@ -275,7 +272,6 @@ def test_stop_interrupts_a_slow_close(start, listener, ball):
     assert closing.result().message == 'stopped'
 
 
-@pytest.mark.timeout(180)
 def test_a_can_hand_publishes_pins_and_touch_cells(start, listener, tmp_path):
     port = '24801'
     emulator = start(
@@ -317,7 +313,6 @@ def test_a_can_hand_publishes_pins_and_touch_cells(start, listener, tmp_path):
     assert palm['fz'] == pytest.approx(0.97, abs=1e-5)
 
 
-@pytest.mark.timeout(180)
 def test_simulated_time_gives_one_cycle_per_tick_with_its_stamp(start, listener, calibration):
     hand = SerialHand(HandMechanics(HandBody(), 1), serial_number=1)
     port = PtyPort(hand, paced=False, real_time=False)
@@ -356,7 +351,6 @@ def test_simulated_time_gives_one_cycle_per_tick_with_its_stamp(start, listener,
     port.stop()
 
 
-@pytest.mark.timeout(120)
 def test_the_life_cycle_is_managed_when_autostart_is_off(start, listener):
     node = bridge(start, 'backend:=emulator', 'autostart:=false', 'initialize_on_start:=true')
     client = listener.node.create_client(ChangeState, 'hand_bridge/change_state')
@@ -382,7 +376,6 @@ def test_the_life_cycle_is_managed_when_autostart_is_off(start, listener):
     assert node.stop(signal.SIGINT) == 0
 
 
-@pytest.mark.timeout(120)
 def test_parameters_are_checked_while_the_node_runs(start, listener):
     bridge(start, 'backend:=emulator').wait_for('connected', 60.0)
     client = listener.node.create_client(SetParameters, 'hand_bridge/set_parameters')
@@ -400,7 +393,6 @@ def test_parameters_are_checked_while_the_node_runs(start, listener):
     assert not refused.successful and 'takes effect at configure' in refused.reason
 
 
-@pytest.mark.timeout(120)
 def test_the_hand_pose_follows_the_arm(start, listener):
     bridge(start, 'backend:=emulator', 'arm:=cobra_600').wait_for('not initialised', 60.0)
     listener.listen(PoseStamped, 'hand_pose')
@@ -417,7 +409,6 @@ def test_the_hand_pose_follows_the_arm(start, listener):
     assert (position.x, position.y, position.z) == pytest.approx((0.6, 0.0, 0.287))
 
 
-@pytest.mark.timeout(60)
 @pytest.mark.parametrize(
     ('parameters', 'complaint'),
     [
@@ -434,20 +425,18 @@ def test_a_bridge_that_cannot_work_ends_with_one_sentence(
     start, calibration, parameters, complaint
 ):
     node = bridge(start, *(text.format(calibration=calibration) for text in parameters))
-    assert node.process.wait(40.0) == 1
+    assert node.ended() == 1
     assert complaint in node.text
     assert 'Traceback' not in node.text
 
 
-@pytest.mark.timeout(120)
 def test_the_calibration_of_another_hand_is_refused(start, calibration):
     port, _ = emulated(start, '--unpaced', '--seed', '99')
     node = bridge(start, f'port:={port}', f'calibration:={calibration}')
-    assert node.process.wait(60.0) == 1
+    assert node.ended() == 1
     assert 'is for hand number 1, this hand says 99' in node.text
 
 
-@pytest.mark.timeout(180)
 @pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGSTOP])
 def test_a_stop_guard_that_dies_or_hangs_is_replaced_and_told_of(
     start, listener, calibration, how
@@ -506,7 +495,6 @@ def test_the_hand_describes_itself_and_says_what_it_does_not_offer(start, listen
             frame = pairs[frame]
 
 
-@pytest.mark.timeout(180)
 def test_actions_move_the_hand_with_feedback_and_can_be_cancelled(
     start, listener, ball, calibration
 ):

@@ -7,13 +7,13 @@ import io
 import os
 import pty
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.patience import Patience
 
 from grasp_common.terminal import (
     complain,
@@ -99,10 +99,10 @@ def terminal(monkeypatch: pytest.MonkeyPatch, quiet: float) -> Iterator[int]:
 
 
 def test_a_bar_comes_while_the_work_is_in_one_long_call(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen, deadline = '', time.monotonic() + 20.0
+    seen, patience = '', Patience(20.0)
     with terminal(monkeypatch, 0.05) as end, progress_bar('solving [\x1b[2J]') as show:
         show(0.0, 'first [step]')
-        while 'step' not in seen and time.monotonic() < deadline:
+        while 'step' not in seen and not patience.over:
             seen += os.read(end, 4096).decode()
     assert r'solving [\x1b[2J]' in seen and 'first [step]' in seen
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
+from tests.patience import Patience
 
 from grasp_replay.bag_writer import BagWriter
 from grasp_replay.qos import QosProfile, qos_text
@@ -37,9 +37,9 @@ class Observer:
         self.executor.add_node(self.node)
 
     def spin_until(self, condition: Callable[[], object], timeout: float = 30.0) -> None:
-        deadline = time.monotonic() + timeout
+        patience = Patience(timeout)
         while not condition():
-            assert time.monotonic() < deadline, 'condition not met in time'
+            assert not patience.over, 'condition not met in time'
             self.executor.spin_once(timeout_sec=0.02)
 
     def collect(self, kind: type, topic: str, qos: QoSProfile = KEEP_ALL) -> list[Any]:

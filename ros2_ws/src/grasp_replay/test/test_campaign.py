@@ -136,7 +136,6 @@ def test_a_scheduler_without_dask_is_one_sentence(
         run_campaign(_tasks(grasp, 1), tmp_path / 'out', scheduler='tcp://127.0.0.1:1')
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.filterwarnings('ignore')
 def test_a_dask_cluster_gives_the_same_bytes(
     grasp: Path, alone: CampaignResult, tmp_path: Path
@@ -150,7 +149,6 @@ def test_a_dask_cluster_gives_the_same_bytes(
     assert _bytes(alone) == _bytes(there)
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.filterwarnings('ignore')
 def test_a_killed_dask_worker_loses_nothing(
     grasp: Path, alone: CampaignResult, tmp_path: Path, wait_until: Any

@@ -57,7 +57,7 @@ def test_a_killed_recording_loses_at_most_the_last_second(
     file = tmp_path / 'bag' / 'bag_0.mcap'
     sent = _publish_until(observer, lambda: file.exists() and file.stat().st_size > 20_000)
     record.process.send_signal(signal.SIGKILL)
-    record.process.wait(10)
+    record.ended()
     report = check(file, tmp_path / 'saved')
     assert not report['sound']
     assert sent - report['recovered']['messages'] <= 250
@@ -107,7 +107,7 @@ def test_an_interrupt_while_it_starts_ends_it_without_a_traceback(
     record = start('record', '/w', '--output', tmp_path / 'bag')
     time.sleep(seconds)
     record.process.send_signal(signal.SIGINT)
-    record.process.wait(20)
+    record.ended()
     assert 'Traceback' not in record.text
     assert record.process.returncode in (0, -signal.SIGINT)
 
@@ -124,18 +124,18 @@ def test_a_closed_terminal_ends_a_recording_like_any_signal(
 
 def test_recording_into_an_existing_directory_is_refused(start: Any, tmp_path: Path) -> None:
     record = start('record', '--all', '--output', tmp_path)
-    assert record.process.wait(30) == 1
+    assert record.ended() == 1
     assert 'a bag is never overwritten' in record.text
 
 
 def test_recording_nothing_is_a_wrong_argument(start: Any) -> None:
     record = start('record')
-    assert record.process.wait(30) == 2
+    assert record.ended() == 2
     assert 'name topics, or give --all or --regex' in record.text
 
 
 def test_a_recording_that_cannot_begin_leaves_nothing_behind(start: Any, tmp_path: Path) -> None:
     record = start('record', '/w', '--output', tmp_path / 'bag', '--ros-args', '--nonsense')
-    assert record.process.wait(30) == 2
+    assert record.ended() == 2
     assert 'Traceback' not in record.text
     assert not (tmp_path / 'bag').exists()

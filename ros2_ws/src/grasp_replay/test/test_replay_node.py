@@ -258,14 +258,14 @@ def test_lockstep_without_answers_fails_with_their_number_and_the_first(
 
 def test_a_bag_of_unknown_serialisation_is_refused(start: Any) -> None:
     replay = start('replay', DATA / 'wrong_rmw_test', '--wait', 0)
-    assert replay.process.wait(30) == 1
+    assert replay.ended() == 1
     assert "serialised as 'wrong_format', not cdr" in replay.text
     assert 'Traceback' not in replay.text
 
 
 def test_a_type_that_has_changed_since_is_named_and_left_out(start: Any) -> None:
     replay = start('replay', DATA / 'talker_sqlite3', '--wait', 0, '--rate', 100, '--json')
-    assert replay.process.wait(30) == 0
+    assert replay.ended() == 0
     assert '/rosout is not replayed: its rcl_interfaces/msg/Log was defined' in replay.text
 
 
@@ -283,7 +283,7 @@ def test_wrong_ros_arguments_are_one_sentence(
 ) -> None:
     bag = write_wrenches(tmp_path / 'bag', 5)
     replay = start('replay', bag, '--wait', 0, '--ros-args', *arguments)
-    assert replay.process.wait(30) == 2
+    assert replay.ended() == 2
     assert reason in replay.text
     assert 'Traceback' not in replay.text
 
@@ -292,13 +292,13 @@ def test_topics_that_the_bag_lacks_are_refused_with_those_it_has(
     start: Any, tmp_path: Path
 ) -> None:
     replay = start('replay', write_wrenches(tmp_path / 'bag', 5), '--topics', '/v')
-    assert replay.process.wait(30) == 1
+    assert replay.ended() == 1
     assert replay.text.endswith('has none of the topics chosen; it has /w\n')
 
 
 def test_a_missing_bag_is_one_sentence(start: Any, tmp_path: Path) -> None:
     replay = start('replay', tmp_path / 'nothing')
-    assert replay.process.wait(30) == 1
+    assert replay.ended() == 1
     assert replay.text == (
         f'replay: {tmp_path}/nothing does not exist; give a bag directory or an .mcap file\n'
     )

@@ -51,7 +51,6 @@ def test_the_bent_tube_is_solved_beside_the_solid(tmp_path, capsys):
     assert 'largest torque' in (tmp_path / 'turning.html').read_text()
 
 
-@pytest.mark.timeout(500)
 def test_the_cap_slips_at_the_sum_of_friction_and_is_announced_before():
     turn = solve_turn(CAP)
     assert turn['message'] == ''

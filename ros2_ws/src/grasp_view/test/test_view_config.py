@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pytest
 import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
@@ -70,7 +69,6 @@ def foxglove_paths() -> Iterator[str]:
             yield path['value']
 
 
-@pytest.mark.timeout(240)
 def test_the_real_nodes_publish_these_topics_with_these_types_and_fields(
     start, domain_id: int, wait_until
 ) -> None:

@@ -21,7 +21,6 @@ DEEPEST_S, LENGTH_S = 20.3, 26.59
 
 
 @pytest.mark.chromium
-@pytest.mark.timeout(300)
 def test_the_recorded_ball_is_dragged_to_its_deepest_dent_and_back(
     start, view, tab, heard, port: int, wait_until
 ) -> None:

@@ -26,12 +26,12 @@ def test_a_port_in_use_is_one_sentence_and_exit_code_1(start, port: int) -> None
         taken.bind(('127.0.0.1', port))
         taken.listen()
         running = start('grasp_view', '--ros-args', '-p', f'port:={port}')
-        assert running.process.wait(60) == 1
+        assert running.ended() == 1
     assert f'port {port}' in running.text and 'Traceback' not in running.text
 
 
 def test_a_pose_that_is_none_is_refused_at_start(start, port: int) -> None:
     pose = 'object_pose:=[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]'
     running = start('grasp_view', '--ros-args', '-p', f'port:={port}', '-p', pose)
-    assert running.process.wait(60) == 1
+    assert running.ended() == 1
     assert 'has no direction' in running.text and 'Traceback' not in running.text

@@ -55,7 +55,7 @@ def test_an_unknown_object_is_one_sentence_and_exit_code_1(start, port: int) -> 
         'grasp_view', '--ros-args', '-p', f'port:={port}', '-p', 'what_if:=true',
         '-p', 'object:=teapot',
     )  # fmt: skip
-    assert running.process.wait(90) == 1
+    assert running.ended() == 1
     assert 'teapot' in running.text and 'Traceback' not in running.text
 
 
@@ -70,7 +70,6 @@ def test_the_placed_fingers_are_answered_by_the_real_solver(view, heard, wait_un
 
 
 @pytest.mark.chromium
-@pytest.mark.timeout(400)
 def test_force_modulus_theory_and_pressure_change_the_dent_as_physics_says(
     view, heard, open_tab, port: int, wait_until
 ) -> None:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import array
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +19,7 @@ from sensor_msgs.msg import JointState, PointCloud2, PointField
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
+from tests.patience import Patience
 
 from scan_compare.deformed_surface import DeformedSurface
 
@@ -83,9 +83,9 @@ class ScanObserver:
         self.values = {item.key: item.value for item in message.status[0].values}
 
     def wait(self, condition: Callable[[], object], timeout: float = 60.0) -> None:
-        deadline = time.monotonic() + timeout
+        patience = Patience(timeout)
         while not condition():
-            assert time.monotonic() < deadline, (self.summary, self.values)
+            assert not patience.over, (self.summary, self.values)
             self.executor.spin_once(timeout_sec=0.05)
 
     def connect(self) -> None:

@@ -22,8 +22,6 @@ from scan_compare.deformed_surface import (
 )
 
 SECOND = 1_000_000_000
-LONG = 240.0
-"""Patience [s] with much work for a process that yields to all others."""
 GRASP = ball(two_dents(0.006, bulge=0.0003))
 DEEPER = ball(two_dents(0.008, bulge=0.0003))
 REST = ball()
@@ -105,14 +103,13 @@ def test_a_surface_with_an_outer_face_is_compared_by_that(
     assert rows[near, 3].mean() == pytest.approx(0.0, abs=0.02e-3)
 
 
-@pytest.mark.timeout(2 * LONG)
 def test_scans_faster_than_comparisons_are_all_judged_in_their_order(
     serve: Callable[..., Any], observer: ScanObserver
 ) -> None:
     serve(surface_wait=0.1)
     for second in range(1, 7):
         observer.send_scan(scan_points(REST, 5_000, seed=second), second * SECOND, 'object')
-    observer.wait(lambda: len(observer.errors) == 6, LONG)
+    observer.wait(lambda: len(observer.errors) == 6)
     assert [cloud.header.stamp.sec for cloud in observer.errors] == [1, 2, 3, 4, 5, 6]
     observer.wait(lambda: observer.values.get('comparisons') == '6')
     assert observer.values['dropped'] == '0'
@@ -130,7 +127,6 @@ def test_beyond_the_waiting_memory_the_oldest_scans_are_dropped_counted_and_name
     assert 'the scan of 2.000 s was dropped unjudged' in observer.summary
 
 
-@pytest.mark.timeout(2 * LONG)
 def test_a_stopped_comparing_process_holds_nothing_up_and_its_scan_is_judged_by_another(
     serve: Callable[..., Any], observer: ScanObserver
 ) -> None:
@@ -143,7 +139,7 @@ def test_a_stopped_comparing_process_holds_nothing_up_and_its_scan_is_judged_by_
     for count in (1, 2, 3):
         surface = {(2 + count) * SECOND: GRASP}
         observer.wait(lambda: surfaces_taken(observer, surface, count))  # noqa: B023
-    observer.wait(lambda: observer.errors, LONG)
+    observer.wait(lambda: observer.errors)
     assert observer.errors[0].width == 200_000
     assert observer.values['process restarts'] == '1'
     assert child not in comparing_processes(node)
@@ -238,7 +234,7 @@ def test_the_node_ends_cleanly_and_leaves_nothing_running(
 
 def test_an_unknown_object_ends_the_node_with_one_sentence(start: Callable[..., Any]) -> None:
     node = start('scan_compare', '--ros-args', '-p', 'object:=no_such_thing')
-    assert node.process.wait(60.0) == 1
+    assert node.ended() == 1
     assert 'scan_compare: object: ' in node.text
     assert 'no_such_thing' in node.text
     assert 'Traceback' not in node.text

@@ -164,6 +164,6 @@ def test_wrong_arguments_exit_with_code_two(arguments: list[str]) -> None:
 
 def test_the_installed_command_prints_its_help() -> None:
     command = executable('scan_error')
-    shown = subprocess.run([command, '--help'], capture_output=True, text=True, timeout=60)
+    shown = subprocess.run([command, '--help'], capture_output=True, text=True, timeout=600)
     assert shown.returncode == 0
     assert '[m]' in shown.stdout

@@ -18,6 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState, PointCloud2, PointField
 from std_msgs.msg import Float64, String
+from tests.patience import Patience
 
 from shell_deform.live.tick.estimator import Settings
 from shell_deform.live.tick.fusion import ErrorModel
@@ -233,10 +234,10 @@ class Observer:
 
     def stream(self, make, until, rate=100.0, timeout=60.0):
         """Publish `make(i)` at `rate` [Hz] until `until()`; returns the number sent."""
-        start = time.monotonic()
+        start, patience = time.monotonic(), Patience(timeout)
         sent = 0
         while not until():
-            if time.monotonic() - start > timeout:
+            if patience.over:
                 raise TimeoutError(self.report())
             if time.monotonic() - start >= sent / rate:
                 self.send(make(sent))

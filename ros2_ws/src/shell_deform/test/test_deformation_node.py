@@ -8,7 +8,6 @@ come last.
 import os
 import signal
 import subprocess
-import time
 from pathlib import Path
 
 import live_hand
@@ -19,6 +18,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 from tests.executables import executable
+from tests.patience import Patience
 
 from shell_deform.building import build_model
 from shell_deform.identify.force_curve import ForceCurve
@@ -56,11 +56,19 @@ class Node:
     def stop(self) -> int:
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
-        try:
-            return self.process.wait(15.0)
-        except subprocess.TimeoutExpired:
+        patience = Patience(15.0)
+        while self.process.poll() is None and not patience.over:
+            time.sleep(0.01)
+        if self.process.poll() is None:
             self.process.kill()
-            return self.process.wait()
+        return self.process.wait()
+
+    def ended(self) -> int:
+        patience = Patience(PATIENCE)
+        while self.process.poll() is None:
+            assert not patience.over, self.text
+            time.sleep(0.01)
+        return self.process.returncode
 
 
 @pytest.fixture(scope='module')
@@ -97,9 +105,9 @@ def fresh(hand):
 
 
 def wait(hand, condition, timeout=PATIENCE):
-    deadline = time.monotonic() + timeout
+    patience = Patience(timeout)
     while not condition():
-        assert time.monotonic() < deadline, (hand.state, hand.diagnostics, hand.summary)
+        assert not patience.over, (hand.state, hand.diagnostics, hand.summary)
         hand.spin()
 
 
@@ -544,7 +552,7 @@ def test_the_mesh_follows_fingers_that_rest_where_it_is_coarse(node, hand, tmp_p
 
 def test_a_wrong_parameter_ends_the_start_with_one_sentence(hand, tmp_path):
     node = Node(tmp_path / 'log', 'object:=no_such_object')
-    assert node.process.wait(PATIENCE) == 1
+    assert node.ended() == 1
     assert 'no_such_object' in node.text
     assert 'Traceback' not in node.text
 

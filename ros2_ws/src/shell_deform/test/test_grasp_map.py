@@ -42,7 +42,6 @@ def test_the_number_of_processes_changes_no_byte(alone, tmp_path, processes):
 
 
 @pytest.mark.filterwarnings('ignore')
-@pytest.mark.timeout(300)
 def test_a_dask_cluster_gives_the_same_bytes(alone, tmp_path):
     distributed = pytest.importorskip('distributed', reason='dask.distributed is optional')
     with distributed.LocalCluster(
@@ -52,7 +51,6 @@ def test_a_dask_cluster_gives_the_same_bytes(alone, tmp_path):
     assert there == alone
 
 
-@pytest.mark.timeout(300)
 def test_a_killed_map_goes_on_where_it_was(alone, tmp_path):
     code = (
         'from shell_deform.grasp.campaign import run_map\n'

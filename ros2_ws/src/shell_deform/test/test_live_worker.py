@@ -8,6 +8,7 @@ import time
 import live_hand
 import numpy as np
 import pytest
+from tests.patience import Patience
 
 from shell_deform.live.background.solving import LiveSolver
 from shell_deform.live.background.worker import Loop, share
@@ -27,9 +28,9 @@ BALL = Build('tennis_ball_as_printed', 'koiter', 150, niceness=0)
 
 
 def until(condition, timeout=60.0):
-    deadline = time.monotonic() + timeout
+    patience = Patience(timeout)
     while not condition():
-        assert time.monotonic() < deadline
+        assert not patience.over
         time.sleep(0.005)
 
 

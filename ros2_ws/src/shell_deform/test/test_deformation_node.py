@@ -8,6 +8,7 @@ come last.
 import os
 import signal
 import subprocess
+import time
 from pathlib import Path
 
 import live_hand

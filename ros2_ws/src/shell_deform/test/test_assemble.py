@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Energy, gradient and stiffness over the whole surface."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -58,13 +56,12 @@ def test_compiled_assembly_equals_its_numpy_twin(shell, bent, theory):
     np.testing.assert_allclose(data, twin_data, atol=1e-11 * np.abs(data).max())
 
 
-def test_several_threads_assemble_what_one_does(shell, bent):
-    one = shell.tangent('koiter', bent, 1e3)
-    for threads in (2, 3):
-        several = replace(shell, threads=threads).tangent('koiter', bent, 1e3)
-        for ours, expected in zip(several, one, strict=True):
-            scale = np.abs(expected).max()
-            np.testing.assert_allclose(ours, expected, rtol=0.0, atol=1e-13 * scale)
+@pytest.mark.parametrize('theory', THEORIES)
+def test_the_energies_of_the_points_add_up_and_equal_their_numpy_twin(shell, bent, theory):
+    energies = shell.point_energies(theory, bent)
+    assert energies.sum() == pytest.approx(shell.energy(theory, bent), rel=1e-12)
+    twin = plain.point_energies(shell, theory, bent)
+    np.testing.assert_allclose(energies, twin, atol=1e-12 * energies.max())
 
 
 def test_positions_may_be_an_array_that_cannot_be_written(shell, bent):

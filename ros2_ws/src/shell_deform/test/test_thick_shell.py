@@ -106,14 +106,6 @@ def test_the_tangent_is_the_derivative_of_the_gradient_with_the_pressures_follow
     assert_allclose(gradient, shell.gradient('thick', at)[1], atol=1e-15)
 
 
-def test_several_threads_assemble_what_one_does(ball):
-    one = build_model(ball, 'thick', control_vertices=100).shell
-    two = thick_shell(one.mesh, one.material, one.wall, threads=2)
-    at = 0.97 * one.start
-    for a, b in zip(one.tangent('thick', at), two.tangent('thick', at), strict=True):
-        assert_allclose(b, a, rtol=1e-12, atol=1e-12 * np.abs(a).max())
-
-
 def test_a_thin_wall_under_a_smooth_load_is_koiters(ball):
     mesh = build_model(ball, control_vertices=150).shell.mesh
     thin = RADIUS / 1000.0

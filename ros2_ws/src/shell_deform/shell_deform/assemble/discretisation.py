@@ -9,7 +9,6 @@ deformed one answers, by compiled kernels or their numpy twins. Positions are co
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from shell_deform.assemble import plain
 from shell_deform.assemble.shell_points import ShellPoints
 from shell_deform.compiled.cache import HAVE_NUMBA
+from shell_deform.compiled.halves import both
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.surface.loop_basis import QuadratureBasis, quadrature_basis
@@ -39,27 +39,14 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
-def summed(
-    part: Callable[[int], tuple[float, Array, Array]], threads: int
-) -> tuple[float, Array, Array]:
-    """Sums of what the parts give, in their order, each in a thread of its own."""
-    if threads == 1:
-        return part(0)
-    with ThreadPoolExecutor(threads) as pool:
-        energies, gradients, values = zip(*pool.map(part, range(threads)), strict=True)
-    return sum(energies), np.sum(gradients, axis=0), np.sum(values, axis=0)
+NO_VALUES = np.zeros(0)
+Sums = tuple[float, Array, Array]
+"""Energy, gradient, stiffness values."""
 
 
 @dataclass(frozen=True)
 class Discretisation(ShellPoints):
-    """The undeformed shell, and energy, gradient and stiffness of any deformed one.
-
-    Attributes:
-        threads: that assemble the stiffness, each its share of the elements; plain numpy has
-            one. The answer of several differs from that of one by round-off.
-    """
-
-    threads: int = 1
+    """The undeformed shell, and energy, gradient and stiffness of any deformed one."""
 
     @cached_property
     def surface(self) -> LimitSurface:
@@ -132,16 +119,41 @@ class Discretisation(ShellPoints):
         if not HAVE_NUMBA:
             return plain.shell_gradient(self, theory, positions)
         positions = np.ascontiguousarray(positions)
-        gradient = np.zeros_like(positions)
-        code = THEORIES[theory].code
-        arguments: Any = (
-            code,
-            *self._volume_arguments()[:5],
-            *self._wall_arguments(),
-            positions,
-            gradient,
-        )
-        return kernels.shell_gradient(*arguments), gradient
+
+        def part(first: int, last: int) -> Sums:
+            gradient = np.zeros_like(positions)
+            arguments: Any = (
+                THEORIES[theory].code,
+                *self.surface_elements(first, last),
+                self.rows,
+                *self._wall_arguments(),
+                positions,
+                gradient,
+            )
+            return kernels.shell_gradient(*arguments), gradient, NO_VALUES
+
+        return self.summed(part)[:2]
+
+    def point_energies(self, theory: str, positions: Array) -> Array:
+        """(p,) strain energy [J] of the area of every quadrature point."""
+        if not HAVE_NUMBA:
+            return plain.point_energies(self, theory, positions)
+        positions, energies = np.ascontiguousarray(positions), np.zeros(len(self.weights))
+
+        def part(first: int, last: int) -> None:
+            arguments: Any = (
+                THEORIES[theory].code,
+                *self.surface_elements(first, last),
+                self.rows,
+                *self._wall_arguments(),
+                positions,
+                energies,
+            )
+            kernels.point_energies(*arguments)
+
+        elements, middle = len(self.node_offsets) - 1, self._middle_element
+        both(lambda: part(0, middle), lambda: part(middle, elements))
+        return energies
 
     def tangent(
         self, theory: str, positions: Array, pressure: float = 0.0
@@ -154,43 +166,45 @@ class Discretisation(ShellPoints):
         if not HAVE_NUMBA:
             return plain.shell_tangent(self, theory, positions, pressure)
         positions = np.ascontiguousarray(positions)
-        elements = len(self.node_offsets) - 1
-        bounds = [elements * i // self.threads for i in range(self.threads + 1)]
-
-        def part(number: int) -> tuple[float, Array, Array]:
-            return self._tangent_of(
-                bounds[number], bounds[number + 1], theory, positions, pressure
-            )
-
-        return summed(part, self.threads)
-
-    def _tangent_of(
-        self, first: int, last: int, theory: str, positions: Array, pressure: float
-    ) -> tuple[float, Array, Array]:
-        """`tangent` of the elements from `first` up to `last` alone."""
-        gradient = np.zeros_like(positions)
-        data = np.zeros(len(self.pattern.indices))
         pattern = self.pattern
-        arguments: Any = (
-            THEORIES[theory].code,
-            float(pressure),
-            self.node_offsets[first : last + 1],
-            self.nodes,
-            self.point_offsets[first : last + 1],
-            self.row_offsets,
-            self.rows,
-            self.values,
-            *self._wall_arguments(),
-            positions,
-            gradient,
-            pattern.block_offsets[first:],
-            pattern.block_start,
-            np.ascontiguousarray(pattern.indptr[:-1:3]),
-            pattern.row_length,
-            pattern.indices,
-            data,
-        )
-        return kernels.shell_tangent(*arguments), gradient, data
+
+        def part(first: int, last: int) -> Sums:
+            gradient, data = np.zeros_like(positions), np.zeros(len(pattern.indices))
+            arguments: Any = (
+                THEORIES[theory].code,
+                float(pressure),
+                *self.surface_elements(first, last),
+                self.rows,
+                self.values,
+                *self._wall_arguments(),
+                positions,
+                gradient,
+                pattern.block_offsets[first:],
+                pattern.block_start,
+                np.ascontiguousarray(pattern.indptr[:-1:3]),
+                pattern.row_length,
+                pattern.indices,
+                data,
+            )
+            return kernels.shell_tangent(*arguments), gradient, data
+
+        return self.summed(part)
+
+    def summed(self, part: Callable[[int, int], Sums]) -> Sums:
+        """Sums over all elements of what `part` gives from a first up to a last one.
+
+        Two halves of the points at the same time, on any machine: sums keep their order.
+        """
+        elements, middle = len(self.node_offsets) - 1, self._middle_element
+        one, other = both(lambda: part(0, middle), lambda: part(middle, elements))
+        for mine, more in zip(one[1:], other[1:], strict=True):
+            mine += more
+        return one[0] + other[0], one[1], one[2]
+
+    @cached_property
+    def _middle_element(self) -> int:
+        """Elements before this one have half of the points: those under a pin have many."""
+        return int(np.searchsorted(self.point_offsets, self.point_offsets[-1] // 2))
 
     def volume(self, positions: Array) -> tuple[float, Array]:
         """Volume inside the middle surface [m^3] and its gradient (n, 3) [m^2].
@@ -202,9 +216,20 @@ class Discretisation(ShellPoints):
         if not HAVE_NUMBA:
             return plain.volume_gradient(self, positions)
         positions = np.ascontiguousarray(positions)
-        gradient = np.zeros_like(positions)
-        arguments: Any = (*self._volume_arguments(), positions, gradient)
-        return kernels.volume_gradient(*arguments), gradient
+
+        def part(first: int, last: int) -> Sums:
+            gradient = np.zeros_like(positions)
+            arguments: Any = (
+                *self.surface_elements(first, last),
+                self.rows,
+                self.values,
+                self.weights,
+                positions,
+                gradient,
+            )
+            return kernels.volume_gradient(*arguments), gradient, NO_VALUES
+
+        return self.summed(part)[:2]
 
     def _wall_arguments(self) -> Any:
         reference = self.reference
@@ -217,15 +242,13 @@ class Discretisation(ShellPoints):
             self.bending,
         )
 
-    def _volume_arguments(self) -> Any:
+    def surface_elements(self, first: int, last: int) -> Any:
+        """Elements from `first` up to `last` as the kernels take them."""
         return (
-            self.node_offsets,
+            self.node_offsets[first : last + 1],
             self.nodes,
-            self.point_offsets,
+            self.point_offsets[first : last + 1],
             self.row_offsets,
-            self.rows,
-            self.values,
-            self.weights,
         )
 
 

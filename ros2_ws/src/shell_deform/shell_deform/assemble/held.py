@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.assemble import plain
-from shell_deform.assemble.discretisation import Discretisation
+from shell_deform.assemble.discretisation import Discretisation, Sums
 from shell_deform.assemble.thick import ThickShell
 from shell_deform.compiled.cache import HAVE_NUMBA
 from shell_deform.theory import THEORIES
@@ -65,29 +65,37 @@ class HeldWall:
 
     def _held(self, positions: Array, stiff: bool) -> tuple[float, Array, Array]:
         shell, pattern = self.shell, self.shell.pattern
-        positions = np.ascontiguousarray(positions)
-        gradient = np.zeros_like(positions)
-        data = np.zeros(len(pattern.indices) if stiff else 0)
-        places: Any = (
-            pattern.block_offsets, pattern.block_start,
-            np.ascontiguousarray(pattern.indptr[:-1:3]), pattern.row_length, pattern.indices, data,
-        )  # fmt: skip
-        if isinstance(shell, ThickShell):
-            elements, points, stamps = shell.kernel_arguments[:3]
-            energy = thick_held_kernels.thick_held_tangent(
-                stiff, elements, points, stamps, self._stress, positions, gradient, *places
-            )
-            dead = self._on_pins
-            return energy + float(np.sum(dead * positions)), gradient + dead, data
         if not HAVE_NUMBA:
             return plain.held_tangent(shell, self.theory, self._stress, positions, stiff)
-        reference = shell.reference
-        energy = held_kernels.held_tangent(
-            THEORIES[self.theory].code, stiff, shell.node_offsets, shell.nodes,
-            shell.point_offsets, shell.row_offsets, shell.rows, shell.values, reference.tangents,
-            reference.second, reference.curvature, shell.weights, self._stress, positions,
-            gradient, *places,
-        )  # fmt: skip
+        positions = np.ascontiguousarray(positions)
+
+        def part(first: int, last: int) -> Sums:
+            gradient = np.zeros_like(positions)
+            data = np.zeros(len(pattern.indices) if stiff else 0)
+            places: Any = (
+                pattern.block_offsets[first:], pattern.block_start,
+                np.ascontiguousarray(pattern.indptr[:-1:3]), pattern.row_length, pattern.indices,
+                data,
+            )  # fmt: skip
+            if isinstance(shell, ThickShell):
+                _, points, stamps, _ = shell.kernel_arguments
+                energy = thick_held_kernels.thick_held_tangent(
+                    stiff, shell.thick_elements(first, last), points, stamps, self._stress,
+                    positions, gradient, *places,
+                )  # fmt: skip
+                return energy, gradient, data
+            reference = shell.reference
+            energy = held_kernels.held_tangent(
+                THEORIES[self.theory].code, stiff, *shell.surface_elements(first, last),
+                shell.rows, shell.values, reference.tangents, reference.second,
+                reference.curvature, shell.weights, self._stress, positions, gradient, *places,
+            )  # fmt: skip
+            return energy, gradient, data
+
+        energy, gradient, data = shell.summed(part)
+        if isinstance(shell, ThickShell):
+            dead = self._on_pins
+            return energy + float(np.sum(dead * positions)), gradient + dead, data
         return energy, gradient, data
 
     @cached_property

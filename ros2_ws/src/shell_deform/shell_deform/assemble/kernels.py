@@ -114,6 +114,35 @@ def shell_gradient(
     return total
 
 
+@kernel(Void, Int, *POINTS, *WALL, FixedFloatRows, Floats, called_from_python=True)
+def point_energies(
+    theory: int,
+    node_offsets: Any,
+    nodes: Any,
+    point_offsets: Any,
+    row_offsets: Any,
+    rows: Any,
+    tangents: Any,
+    second: Any,
+    curvature: Any,
+    weights: Any,
+    membrane: Any,
+    bending: Any,
+    positions: Any,
+    energies: Any,
+) -> None:
+    """Strain energy [J] of the area of every point, at control positions."""
+    q, strain, stress = float_rows(5, 3), floats(6, 0.0), floats(6, 0.0)
+    jac, work = float_rows(6, 15), float_rows(6, 3)
+    for element in range(len(node_offsets) - 1):
+        own = nodes[node_offsets[element] : node_offsets[element + 1]]
+        for p in range(point_offsets[element], point_offsets[element + 1]):
+            row = rows[row_offsets[p] : row_offsets[p + 1]]
+            gather_derivatives(own, row, positions, q)
+            point_strains(theory, q, tangents[p], second[p], curvature[p], strain, jac, work)
+            energies[p] = weights[p] * point_stress(strain, membrane[p], bending[p], stress)
+
+
 @kernel(Void, Float, FloatRows, FloatRows, FloatRows, FloatRows, FloatRows)
 def add_strain_stiffness(
     weight: float, jac: Any, membrane: Any, bending: Any, weighted: Any, h: Any

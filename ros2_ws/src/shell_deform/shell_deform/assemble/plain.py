@@ -36,6 +36,12 @@ def wall_stress(shell: ShellPoints, strain: Array) -> Array:
     )
 
 
+def point_energies(shell: ShellPoints, theory: str, positions: Array) -> Array:
+    """(p,) strain energy [J] of the area of every quadrature point."""
+    strain = THEORIES[theory].strains(derivatives(shell, positions), shell.reference)
+    return 0.5 * shell.weights * np.einsum('pk,pk->p', strain, wall_stress(shell, strain))
+
+
 def shell_gradient(shell: ShellPoints, theory: str, positions: Array) -> tuple[float, Array]:
     """Strain energy [J] and gradient (n, 3) [N]."""
     law = THEORIES[theory]

@@ -15,7 +15,6 @@ them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -24,7 +23,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from shell_deform.assemble.discretisation import Discretisation, discretise, summed
+from shell_deform.assemble.discretisation import Discretisation, Sums, discretise
 from shell_deform.assemble.shear_nodes import (
     ElementUnknowns,
     element_unknowns,
@@ -40,6 +39,7 @@ from shell_deform.assemble.stamps import (
     stamp_splits,
 )
 from shell_deform.compiled.cache import HAVE_NUMBA
+from shell_deform.compiled.halves import both
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.frames import lateral_vectors
 from shell_deform.surface.loop_basis import QuadratureBasis, quadrature_basis
@@ -55,9 +55,6 @@ Index = NDArray[np.int64]
 
 MOST_INCOMPRESSIBLE = 0.4999
 """Largest Poisson's ratio: J = 1 at two heights has no solution in some states of a bent wall."""
-
-THREADS = 2
-"""Halves of the points that are summed in two threads, on any machine: sums keep their order."""
 
 EXTRA_COMPLIANCE = 1e-2
 """Compliance of a pin's face over that of the wall, h / E. A nearly incompressible wall cannot be
@@ -102,9 +99,7 @@ class ThickShell(Discretisation):
         """The same wall under other pins, and where other bodies may touch it."""
         if _alike(stamps, self.stamps) and _alike(bodies, self.bodies):
             return self
-        return thick_shell(
-            self.mesh, self.material, self.wall, stamps, self.everywhere, self.threads, bodies
-        )
+        return thick_shell(self.mesh, self.material, self.wall, stamps, self.everywhere, bodies)
 
     # ---- unknowns
 
@@ -215,21 +210,21 @@ class ThickShell(Discretisation):
     ) -> tuple[float, Array, Array]:
         self._refuse_others(positions)
         positions = np.ascontiguousarray(positions)
-        # Halves of the points: elements under a pin have many.
-        bounds = np.searchsorted(
-            self.point_offsets,
-            np.linspace(0, self.point_offsets[-1], self.threads + 1).astype(np.int64),
-        )
+        pattern = self.pattern
 
-        def part(number: int) -> tuple[float, Array, Array]:
+        def part(first: int, last: int) -> Sums:
             gradient = np.zeros_like(positions)
-            data = np.zeros(len(self.pattern.indices) if stiff else 0)
-            energy = self._kernel(
-                stiff, bounds[number], bounds[number + 1], positions, pressure, gradient, data
-            )
-            return energy, gradient, data
+            data = np.zeros(len(pattern.indices) if stiff else 0)
+            _, points, stamps, material = self.kernel_arguments
+            arguments: Any = (
+                stiff, float(pressure), self.thick_elements(first, last), points, stamps,
+                material, positions, gradient, pattern.block_offsets[first:],
+                pattern.block_start, np.ascontiguousarray(pattern.indptr[:-1:3]),
+                pattern.row_length, pattern.indices, data,
+            )  # fmt: skip
+            return float(thick_kernels.thick_tangent(*arguments)), gradient, data
 
-        energy, gradient, data = summed(part, self.threads)
+        energy, gradient, data = self.summed(part)
         if not np.isfinite(energy):
             gradient = np.full_like(gradient, np.nan)
         return energy, gradient, data
@@ -312,21 +307,18 @@ class ThickShell(Discretisation):
         self._refuse_others(positions)
         out = np.zeros((len(points), 17))
         element = np.searchsorted(self.point_offsets, points, side='right') - 1
-        bounds = np.linspace(0, len(points), self.threads + 1).astype(np.int64)
         chosen, positions = np.asarray(points, np.int64), np.ascontiguousarray(positions)
+        middle = len(points) // 2
 
-        def part(number: int) -> bool:
-            own = slice(bounds[number], bounds[number + 1])
+        def part(own: slice) -> bool:
             arguments: Any = (
                 *self.kernel_arguments, positions, chosen[own], element[own].astype(np.int64),
                 out[own],
             )  # fmt: skip
             return bool(thick_kernels.point_states(*arguments))
 
-        if self.threads == 1:
-            return out if part(0) else None
-        with ThreadPoolExecutor(self.threads) as pool:
-            return out if all(pool.map(part, range(self.threads))) else None
+        halves = both(lambda: part(slice(0, middle)), lambda: part(slice(middle, None)))
+        return out if all(halves) else None
 
     def _refuse_others(self, positions: Array) -> None:
         """Raise ValueError for unknowns that are not this shell's: kernels would read beyond."""
@@ -335,23 +327,14 @@ class ThickShell(Discretisation):
                 f'{positions.shape} unknowns for a thick shell that has {self.start.shape}'
             )
 
-    def _kernel(
-        self, stiff: bool, first: int, last: int, positions: Array, pressure: float,
-        gradient: Array, data: Array,
-    ) -> float:  # fmt: skip
-        pattern = self.pattern
-        elements, points, stamps, material = self.kernel_arguments
+    def thick_elements(self, first: int, last: int) -> Any:
+        """Elements from `first` up to `last`, with all their unknowns."""
+        elements, *_ = self.kernel_arguments
         offsets, nodes, controls, shears, point_offsets, row_offsets = elements
-        part = (
+        return (
             offsets[first : last + 1], nodes, controls[first:last], shears[first:last],
             point_offsets[first : last + 1], row_offsets,
         )  # fmt: skip
-        arguments: Any = (
-            stiff, float(pressure), part, points, stamps, material, positions, gradient,
-            pattern.block_offsets[first:], pattern.block_start,
-            np.ascontiguousarray(pattern.indptr[:-1:3]), pattern.row_length, pattern.indices, data,
-        )  # fmt: skip
-        return float(thick_kernels.thick_tangent(*arguments))
 
     @property
     def pressure_unit(self) -> float:
@@ -452,7 +435,6 @@ def thick_shell(
     thickness: float | Array,
     stamps: Sequence[Stamp] = (),
     everywhere: bool = False,
-    threads: int = THREADS,
     bodies: Sequence[Stamp] = (),
 ) -> ThickShell:
     """Discretise the limit surface of `mesh` as a thick wall of `thickness` [m] under pins.
@@ -475,9 +457,9 @@ def thick_shell(
     else:
         sheared = sheared_vertices(base, surface, points, (*stamps, *bodies))
     pressed = stamp_points(base, surface, points, stamps)
-    own = {name: getattr(base, name) for name in base.__dataclass_fields__ if name != 'threads'}
+    own = {name: getattr(base, name) for name in base.__dataclass_fields__}
     return ThickShell(
-        **own, threads=threads, material=material, basis=basis, wall=wall,
+        **own, material=material, basis=basis, wall=wall,
         stamps=stamps, sheared=sheared, pressed=pressed, everywhere=everywhere,
         bodies=tuple(bodies),
         elements=element_unknowns(base, surface, sheared, pressed, float(np.mean(wall))),

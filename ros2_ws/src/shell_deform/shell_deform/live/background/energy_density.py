@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from shell_deform.model import ShellModel
-from shell_deform.theory import KOITER, THEORIES, THICK
+from shell_deform.theory import KOITER, THICK
 
 Array = NDArray[np.float64]
 
@@ -22,31 +22,18 @@ class EnergyDensity:
 
     def __init__(self, model: ShellModel) -> None:
         shell = model.shell
-        points, vertices = len(shell.weights), len(model.rest)
         self._model = model
-        self._derivatives = sp.vstack(
-            [
-                sp.csr_matrix((column, shell.row_nodes, shell.row_offsets), (points, vertices))
-                for column in shell.rows.T
-            ],
-            format='csr',
-        )
         shares = sp.diags(shell.weights) @ shell.value_matrix()
         self.areas: Array = np.asarray(shares.sum(axis=0)).ravel()
         """(n,) area [m^2] of each basis function; 0 where a vertex carries no surface."""
-        scale = np.divide(1.0, self.areas, out=np.zeros(vertices), where=self.areas > 0.0)
-        self._means = (sp.diags(scale) @ shares.T).tocsr()
+        scale = np.divide(1.0, self.areas, out=np.zeros(len(self.areas)), where=self.areas > 0.0)
+        means = sp.diags(scale) @ shell.value_matrix().T
+        self._means = means.tocsr()
 
     def at(self, positions: Array) -> Array:
         """(n,) density [J/m^2] at control positions (n, 3) [m].
 
         That of a thick wall is taken as if it were thin: it only colours the surface.
         """
-        shell = self._model.shell
-        q = (self._derivatives @ positions).reshape(5, -1, 3).transpose(1, 0, 2)
         theory = KOITER if self._model.theory == THICK else self._model.theory
-        strain = THEORIES[theory].strains(q, shell.reference)
-        membrane, change = strain[:, :3, None], strain[:, 3:, None]
-        energy = 0.5 * ((shell.membrane @ membrane) * membrane).sum(axis=(1, 2))
-        energy += 0.5 * ((shell.bending @ change) * change).sum(axis=(1, 2))
-        return np.asarray(self._means @ energy)
+        return np.asarray(self._means @ self._model.shell.point_energies(theory, positions))

@@ -320,6 +320,20 @@ def test_threads_share_an_analysis(larger_sphere):
     assert all(np.array_equal(a, b) for a, b in zip(alone, together, strict=True))
 
 
+@pytest.mark.parametrize('shift', [0.1, -0.3, -3.0])
+def test_two_subtrees_at_a_time_give_the_factor_of_one_after_the_other(larger_sphere, shift):
+    matrix, load = shifted(larger_sphere.free, shift), larger_sphere.load
+    two, one = (analyse(larger_sphere.graph, larger_sphere.vertices) for _ in range(2))
+    assert len(two.fronts.spans) == 3
+    one.fronts.__dict__['spans'] = ((0, one.fronts.count),)
+    together, alone = factorise(two, matrix), factorise(one, matrix)
+    assert together.inertia == alone.inertia
+    np.testing.assert_array_equal(together.weak_matrix, alone.weak_matrix)
+    np.testing.assert_allclose(together.solve(load), alone.solve(load), rtol=1e-12)
+    again = [factorise(two, matrix).solve(load) for _ in range(3)]
+    assert all(np.array_equal(found, together.solve(load)) for found in again)
+
+
 def test_blas_threads_are_given_back_after_a_factorisation(sphere):
     from shell_deform.factor.threads import _thread_counts, one_blas_thread
 

@@ -60,6 +60,32 @@ class Waiting(NamedTuple):
     delays: Any
 
 
+class Complements(NamedTuple):
+    """What is known of every front's Schur complement while it waits, for all fronts of the tree.
+
+    Sizes, places on the stack, delayed columns, and where the unknowns of its rows begin.
+    """
+
+    sizes: Any
+    places: Any
+    delays: Any
+    rows: Any
+
+
+class Span(NamedTuple):
+    """Fronts `first` up to `last`, and what waits for them already.
+
+    The stack is filled below `bottom` and from `top` on; the first `ids` row numbers are those of
+    complements that come from elsewhere.
+    """
+
+    first: Any
+    last: Any
+    bottom: Any
+    top: Any
+    ids: Any
+
+
 class Front(NamedTuple):
     """A front being filled: its k columns of height m, then the triangle behind them.
 
@@ -77,7 +103,7 @@ class Front(NamedTuple):
 
 
 class Lower(NamedTuple):
-    """L by fronts: values and unknowns of the rows with where each front's start, its pivots."""
+    """L of a span of fronts: values and rows' unknowns, where each front's begin, its pivots."""
 
     values: Any
     value_offsets: Any
@@ -128,6 +154,8 @@ TREE = named(
     next_child=Ints,
 )
 WAITING = named(Waiting, stack=Floats, sizes=Longs, places=Longs, delays=Longs)
+COMPLEMENTS = named(Complements, sizes=Longs, places=Longs, delays=Longs, rows=Longs)
+SPAN = named(Span, first=Int, last=Int, bottom=Int, top=Int, ids=Int)
 FRONT = named(
     Front, panel=Floats, panel_at=Int, m=Int, k=Int, rest=Floats, rest_at=Int, rest_ld=Int
 )

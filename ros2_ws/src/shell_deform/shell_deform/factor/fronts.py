@@ -27,9 +27,11 @@ from shell_deform.factor.blas import new_call
 from shell_deform.factor.elimination import eliminate, eliminate_definite
 from shell_deform.factor.front_assembly import assemble
 from shell_deform.factor.front_types import (
+    COMPLEMENTS,
     LOWER,
     MATRIX,
     PIVOTS,
+    SPAN,
     TREE,
     WEAK,
     Front,
@@ -72,31 +74,37 @@ def _integer_room(array: Any, used: int, needed: int) -> Any:
 
 
 @kernel(
-    types.Tuple((LOWER, PIVOTS, WEAK, Floats)), MATRIX, TREE, Floats, Ints, Floats, Float, Float,
+    types.Tuple((LOWER, PIVOTS, WEAK, Floats)), MATRIX, TREE, SPAN, COMPLEMENTS, Floats, Ints,
+    Floats, Float, Float,
     called_from_python=True,
 )  # fmt: skip
 def factorise_fronts(
-    matrix: Any, tree: Any, values: Any, ids: Any, stack: Any, threshold: float, weak: float
-) -> Any:
-    """Factorise; `values`, `ids`, `stack` are room to use, larger arrays are made when needed.
+    matrix: Any, tree: Any, span: Any, complements: Any, values: Any, ids: Any, stack: Any,
+    threshold: float, weak: float,
+) -> Any:  # fmt: skip
+    """Factorise the fronts of `span`; `values`, `ids`, `stack` are room: larger is made if needed.
+
+    Complements whose parents lie behind the span stay on the stack.
 
     Returns L, D and the weak part (`Lower`, `Pivots`, `Weak` in `front_types`), and the
-    stack for reuse.
+    stack.
     """
-    order, block = matrix.order, matrix.block
+    block = matrix.block
     owned, row_offsets, rows = tree.owned, tree.row_offsets, tree.rows
     parent, parity = tree.parent, tree.parity
     first_child, next_child = tree.first_child, tree.next_child
-    fronts = len(parent)
+    first, fronts = span.first, span.last - span.first
+    rest_sizes, rest_places, delays, rest_rows = complements
     call = new_call()
     value_offsets = longs(fronts + 1, 0)
     id_offsets = longs(fronts + 1, 0)
+    id_offsets[0] = span.ids
     pivots = longs(fronts, 0)
     definite = booleans(fronts, False)
-    delays = longs(fronts, 0)
-    rest_sizes = longs(fronts, 0)
-    rest_places = longs(fronts, 0)
-    unknowns = len(order) * block
+    unknowns = (owned[span.last] - owned[first]) * block
+    for f in range(first):
+        if first <= parent[f] < span.last:
+            unknowns += delays[f]
     diagonal, off_diagonal = floats(unknowns, 1.0), floats(unknowns, 0.0)
     weak_ids = integers(0, 0)
     weak_values = floats(0, 0.0)
@@ -104,9 +112,10 @@ def factorise_fronts(
     weak_blocks, weak_count, weak_entries = 0, 0, 0
     square = floats(0, 0.0)
     # Two stacks grow towards each other: fronts of even depth from below, of odd depth from above.
-    bottom, top = 0, len(stack)
+    bottom, top = span.bottom, span.top
     done = 0
-    for f in range(fronts):
+    for i in range(fronts):
+        f = first + i
         own = (owned[f + 1] - owned[f]) * block
         shift, freed = 0, 0
         child = first_child[f]
@@ -116,18 +125,18 @@ def factorise_fronts(
             child = next_child[child]
         m = (row_offsets[f + 1] - row_offsets[f]) * block + shift
         k = own + shift
-        at = value_offsets[f]
+        at = value_offsets[i]
         values = _room(values, at, at + m * k)
-        first_id = id_offsets[f]
+        first_id = id_offsets[i]
         ids = _integer_room(ids, first_id, first_id + m)
-        id_offsets[f + 1] = first_id + m
+        id_offsets[i + 1] = first_id + m
         filled = first_id
         for r in range(own):
             ids[filled] = owned[f] * block + r
             filled += 1
         child = first_child[f]
         while child >= 0:
-            start = id_offsets[child] + pivots[child]
+            start = rest_rows[child]
             for r in range(delays[child]):
                 ids[filled] = ids[start + r]
                 filled += 1
@@ -144,7 +153,8 @@ def factorise_fronts(
             moved = len(larger) - len(stack)
             _copy(larger, top + moved, stack, top, len(stack) - top)
             for c in range(f):
-                if rest_places[c] >= top:
+                mine = c >= first or parent[c] < span.last
+                if mine and parent[c] >= f and rest_places[c] >= top:
                     rest_places[c] += moved
             top += moved
             stack = larger
@@ -157,8 +167,8 @@ def factorise_fronts(
             assemble(f, matrix, tree, waiting, shift, front)
             if eliminate_definite(call, front, weak):
                 taken = k
-                definite[f] = True
-        if not definite[f]:
+                definite[i] = True
+        if not definite[i]:
             square = _room(square, 0, m * m)
             waiting = Waiting(stack, rest_sizes, rest_places, delays)
             whole = Front(square, 0, m, k, square, k * m + k, m)
@@ -180,9 +190,9 @@ def factorise_fronts(
             for c in range(border):
                 source = (taken + c) * (m + 1)
                 _copy(stack, rest_at + c * (border + 1), square, source, border - c)
-        pivots[f] = taken
+        pivots[i] = taken
         delays[f] = k - taken
-        value_offsets[f + 1] = at + m * taken
+        value_offsets[i + 1] = at + m * taken
         done += taken
         # The children's complements are the newest of the other parity.
         if parity[f] == 0:
@@ -193,6 +203,7 @@ def factorise_fronts(
             top -= border * border
         rest_sizes[f] = border
         rest_places[f] = rest_at
+        rest_rows[f] = first_id + taken
         if parent[f] < 0:
             if parity[f] == 0:
                 bottom -= border * border
@@ -201,9 +212,9 @@ def factorise_fronts(
                 weak_values = _room(weak_values, weak_entries, weak_entries + border * border)
                 for c in range(border):
                     weak_ids[weak_count + c] = ids[first_id + taken + c]
-                    for i in range(border):
-                        weak_values[weak_entries + c * border + i] = stack[
-                            rest_at + min(i, c) * border + max(i, c)
+                    for r in range(border):
+                        weak_values[weak_entries + c * border + r] = stack[
+                            rest_at + min(r, c) * border + max(r, c)
                         ]
                 weak_sizes[weak_blocks] = border
                 weak_blocks += 1

@@ -9,6 +9,7 @@ before parents.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,12 @@ from shell_deform.compiled.kernel_arrays import integer_rows, integers, longs, s
 from shell_deform.compiled.kernel_types import Bytes, Int, IntRows, Ints, Longs, Void, kernel
 from shell_deform.factor.forest import elimination_forest, merge_fronts, renumber
 from shell_deform.factor.front_types import Tree
+
+WORTH_TWO_THREADS = 2e6
+"""Operations of a factorisation from which two threads gain more than they cost."""
+
+Spans = tuple[tuple[int, int], ...]
+"""First and last fronts, the last excluded."""
 
 
 @dataclass(frozen=True)
@@ -58,24 +65,55 @@ class Fronts:
         """Number of fronts."""
         return len(self.parent)
 
-    def stored_entries(self, block: int) -> int:
+    @cached_property
+    def spans(self) -> Spans:
+        """Fronts that are eliminated together, one after the other: two that need nothing of each
+        other, then what is above both; or all in one.
+        """
+        work = self._work(3)
+        if work.sum() < WORTH_TWO_THREADS:
+            return ((0, self.count),)
+        before = np.concatenate([[0.0], np.cumsum(work)])
+        best = 0.9 * before[-1]
+        result: Spans = ((0, self.count),)
+        roots: list[tuple[int, int]] = []
+        for f in range(self.count):
+            # Subtrees that wait when front f was eliminated: those of its children are its own.
+            first = f
+            while roots and self.parent[roots[-1][1]] == f:
+                first = roots.pop()[0]
+            roots.append((first, f))
+            starts = [start for start, _ in roots[1:]]
+            for middle in starts:
+                both = max(before[middle], before[f + 1] - before[middle])
+                needed = both + before[-1] - before[f + 1]
+                if needed < best:
+                    best = needed
+                    result = ((0, middle), (middle, f + 1), (f + 1, self.count))
+        return result
+
+    def stored_entries(self, block: int, span: tuple[int, int] | None = None) -> int:
         """Doubles in the factor when every vertex has `block` unknowns."""
+        first, last = span or (0, self.count)
         width = block * np.diff(self.owned).astype(np.int64)
         height = block * np.diff(self.row_offsets)
-        return int(np.sum(width * height))
+        return int(np.sum((width * height)[first:last]))
 
-    def stack_entries(self, block: int) -> int:
+    def stack_entries(self, block: int, span: tuple[int, int] | None = None) -> int:
         """Doubles that waiting Schur complements and the open front need at most."""
         heights = (block * np.diff(self.row_offsets)).astype(np.int64)
         borders = heights - block * np.diff(self.owned).astype(np.int64)
-        return int(_peak(self.parent, heights, borders))
+        return int(_peak(self.parent, heights, borders, *(span or (0, self.count))))
 
     def operations(self, block: int) -> float:
         """Floating-point operations of a definite factorisation (multiply and add count two)."""
+        return float(self._work(block).sum())
+
+    def _work(self, block: int) -> NDArray[np.float64]:
+        """(f,) floating-point operations of each front."""
         width = block * np.diff(self.owned).astype(float)
-        height = block * np.diff(self.row_offsets).astype(float)
-        border = height - width
-        return float(np.sum(width**3 / 3 + width**2 * border + width * border**2))
+        border = block * np.diff(self.row_offsets).astype(float) - width
+        return np.asarray(width**3 / 3 + width**2 * border + width * border**2)
 
 
 def find_fronts(
@@ -106,12 +144,16 @@ def find_fronts(
     )
 
 
-@kernel(Int, Ints, Longs, Longs, called_from_python=True)
-def _peak(parent: Any, heights: Any, borders: Any) -> int:
-    """Largest sum of waiting complements and one whole front."""
+@kernel(Int, Ints, Longs, Longs, Int, Int, called_from_python=True)
+def _peak(parent: Any, heights: Any, borders: Any, first: int, last: int) -> int:
+    """Largest sum of waiting complements and one whole front, of fronts `first` up to `last`."""
     freed = longs(len(parent), 0)
     waiting, peak = 0, 0
-    for f in range(len(parent)):
+    for f in range(first):
+        if first <= parent[f] < last:
+            waiting += borders[f] * borders[f]
+            freed[parent[f]] += borders[f] * borders[f]
+    for f in range(first, last):
         peak = max(peak, waiting + heights[f] * heights[f])
         waiting += borders[f] * borders[f] - freed[f]
         if parent[f] >= 0:

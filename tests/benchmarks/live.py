@@ -60,6 +60,8 @@ class Truth:
         model = build_model(load_object(object_name), control_vertices=vertices)
         tracker = EquilibriumTracker(model)
         patches = tuple(model.contact(OUTER * d, PIN) for d in DIRECTIONS)
+        tracker.take(model.on_contacts(patches))
+        model = tracker.model
         tracker.set_contacts(contact_rows(model, patches), np.zeros(2))
         self.depths = np.arange(0.0, 10.4e-3, step)
         self.forces = np.zeros((len(self.depths), 2))
@@ -303,9 +305,9 @@ def rows(fine: bool) -> Iterator[Row]:
     yield from tick_rows(640, 0.2)
     if fine:
         yield from tick_rows(2500, 0.5)
-    yield from squeeze_rows(640, 20.0)
+    yield from squeeze_rows(640, 60.0)
     if fine:
-        yield from squeeze_rows(2500, 5.0)
+        yield from squeeze_rows(2500, 20.0)
     yield from noise_rows(640)
     yield from late_rows(640)
 

@@ -60,7 +60,7 @@ class EquilibriumSolver(StepSolver):
             trial = min(1.0, fraction + step)
             loads = first.towards(goal, trial)
             control = control_of(case, loads)
-            guess = predicted(here, control)
+            guess = predicted(here.history, control)
             if (along := self._carried_along(here, loads)) is not None:
                 guess = along
             found = self.step(edge, loads, here, guess)

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.solve.equilibrium import Equilibrium, LoadCase
+from shell_deform.solve.equilibrium import LoadCase, PathState
 from shell_deform.supports.grips import between
 
 Array = NDArray[np.float64]
@@ -53,13 +54,12 @@ def control_of(case: LoadCase, loads: StepLoads) -> Array:
     return np.concatenate([*others, [np.linalg.norm(loads.dead)]])
 
 
-def predicted(here: Equilibrium, control: Array) -> Array | None:
-    """All unknowns expected at `control` (k,), by the parabola through the last states.
+def predicted(path: Sequence[PathState], control: Array) -> Array | None:
+    """All unknowns expected at `control` (k,), by the parabola through the last states of `path`.
 
     None where the path behind says nothing: too short, or a step back or aside.
     """
-    path = here.history
-    if len(path) < 2 or len(path[-1].control) != len(control):
+    if len(path) < 2 or not len(path[-2].control) == len(path[-1].control) == len(control):
         return None
     last = path[-1].control - path[-2].control
     length = float(last @ last)

@@ -44,6 +44,12 @@ THIRD_REACH = 3.0
 LIVE = TrackingOptions(step=4e-3)
 """What the last chord step leaves, a tenth or so of it, the columns take away by a Newton step."""
 
+GOOD_CONTRACTION = 0.1
+"""Columns serve on where the chord iterations on their tangent still contract so well."""
+
+MOST_STATES = 3
+"""States in a row that are served with the same columns."""
+
 STILL = 1e-3
 """A state that moved less than this share of the wall thickness keeps its columns."""
 
@@ -63,6 +69,7 @@ class LiveSolver:
         self._condensed: Condensed | None = None
         self._limit_columns: Array | None = None
         self._condensed_at = np.zeros(0)
+        self._states = 0
         self._inputs_at: Array | None = None
         self._load: Load | None = None
         self._pose_in_use = IDENTITY
@@ -120,6 +127,7 @@ class LiveSolver:
         """Bring contacts and equilibrium to `load` as far as they follow."""
         began = time.perf_counter()
         self._load = load
+        self._states += 1
         if load.reset or (not load.touches and self.contacts.contacts):
             self._let_go()
         elif load.jump:
@@ -186,6 +194,12 @@ class LiveSolver:
         """Why the load case is not carried, or empty."""
         return self.tracker.message
 
+    @property
+    def columns_serve(self) -> bool:
+        """Whether the next state is worth more than columns of the present one."""
+        good = self.tracker.contraction < GOOD_CONTRACTION and self.share == 1.0
+        return self._condensed is not None and good and self._states < MOST_STATES
+
     def refine(self) -> bool:
         """Take the columns at the present state; False if those at hand are good enough."""
         tracker = self.tracker
@@ -197,6 +211,7 @@ class LiveSolver:
         old, old_columns, old_state = self._condensed, self._limit_columns, self._condensed_at
         old_inputs = self._inputs_at
         self._condensed = tracker.condense()
+        self._states = 0
         self._limit_columns = self._to_limit(self._condensed.fields)
         self._condensed_at = tracker.state.moved
         self._inputs_at = self._inputs()

@@ -23,7 +23,9 @@ from shell_deform.live.background.condensed import (
     factorise_sprung,
 )
 from shell_deform.model import ShellModel, Tangent
+from shell_deform.solve.equilibrium import PathState
 from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.prediction import predicted
 
 Array = NDArray[np.float64]
 
@@ -109,6 +111,8 @@ class EquilibriumTracker:
         self._system: CondensedSystem | None = None
         self.factorisations = 0
         self.iterations = 0
+        self.contraction = 0.0
+        """Length of the last chord iteration over that before it: how well the tangent serves."""
         self.message = ''
         self.beat: Callable[[], None] = lambda: None
         """Called in every iteration: whoever watches sees that this gets on."""
@@ -123,6 +127,7 @@ class EquilibriumTracker:
         self.state = State(np.zeros(self.model.start.size), empty, empty, energy, gradient, 0.0)
         self.rows: ContactRows | None = None
         self._target: Target | None = None
+        self._path: tuple[PathState, ...] = ()
         self._fresh = False
         self._tangent = None
         self._system = None
@@ -166,6 +171,7 @@ class EquilibriumTracker:
 
     def forget_tangent(self) -> None:
         """The state was replaced: its tangent is another one."""
+        self._path = ()
         self._fresh = False
         self._renew()
 
@@ -275,6 +281,7 @@ class EquilibriumTracker:
         while reached < 1.0:
             trial = min(1.0, reached + step)
             goal = _between(start, target, trial)
+            self._path = (*self._path, self._passed(target.driven))[-3:]
             found = self._iterate(goal, (1.0 - trial) * loose)
             if found is not None:
                 self.state = found
@@ -332,13 +339,37 @@ class EquilibriumTracker:
             state.force + more,
         )
 
+    def _passed(self, driven: NDArray[np.bool_]) -> PathState:
+        """The present state as one of those through which a parabola leads on."""
+        state = self.state
+        moved = self._rows().measure.T @ state.moved
+        vector = np.concatenate([state.moved, state.force, state.multipliers])
+        return PathState(np.where(driven, moved, state.force), vector)
+
+    def _ahead(self, target: Target, extra: Array) -> State:
+        """Where the path through the last states leads; the present state if it says nothing."""
+        state = self.state
+        control = np.where(target.driven, target.displacement, target.force)
+        vector = predicted(self._path, control) if not extra.any() else None
+        if vector is None:
+            return state
+        moved, force, multipliers = np.split(
+            vector, np.cumsum([len(state.moved), len(state.force)])
+        )
+        moved = self._settled(moved)
+        energy, gradient = self.model.gradient(self.model.start + moved.reshape(-1, 3))
+        if not np.isfinite(energy):
+            return state
+        return State(moved, force, multipliers, energy, gradient, np.inf)
+
     def _iterate(self, target: Target, extra: Array) -> State | None:
         """The state under `target` and dead nodal forces `extra` (N,), or None.
 
         Chord iterations on the tangent at hand; where they contract too slowly, a new tangent.
         """
-        options, rows, state = self.options, self._rows(), self.state
+        options, rows, state = self.options, self._rows(), self._ahead(target, extra)
         before, tangents = np.inf, options.tangents_per_step
+        self.contraction = 0.0
         for _ in range(options.iterations):
             self.beat()
             step, multipliers, force = self._step(target, state, extra)
@@ -348,6 +379,7 @@ class EquilibriumTracker:
                 self.message = f'an iteration moved the surface by {1e3 * largest:.1f} mm'
                 return None
             slow = largest > options.contraction * before
+            self.contraction = largest / before
             if slow and (largest > 2.0 * before or tangents == 0 or self._budget <= 0):
                 self.message = 'the iterations did not converge'
                 return None

@@ -99,7 +99,7 @@ class Loop:
                     self.courtesy.run(self.serve_newest)
 
     def serve_newest(self) -> None:
-        """Solve the newest load case and publish: first the state, then its own columns.
+        """Solve the newest load case and publish: first the state, then columns of its own.
 
         Whatever a set of contacts leads to, the next one finds a working solver: after an error it
         starts over from the unloaded shell, and the result says why.
@@ -115,7 +115,9 @@ class Loop:
             self.solver.take(load)
             self.failure = ''
             self._publish(answers, fresh=False)
-            if self.solver.refine():
+            # Columns can wait while they serve and a newer load case has come.
+            newer = int(self.memory.request['begin'][0]) != answers
+            if not (newer and self.solver.columns_serve) and self.solver.refine():
                 self._publish(answers, fresh=True)
             if self.solver.motion is not None:
                 self.solver.motion.took(time.perf_counter() - began)

@@ -242,9 +242,9 @@ def test_a_missing_file_is_named() -> None:
 
 
 def test_an_unknown_format_lists_the_known_ones(tmp_path: Path) -> None:
-    (tmp_path / 'a.step').write_bytes(b'ISO-10303-21;')
-    with pytest.raises(ScanFileError, match=r'\.step.*known: \.stl'):
-        read_scan(tmp_path / 'a.step', 'mm')
+    (tmp_path / 'a.scn').write_bytes(b'ours alone;')
+    with pytest.raises(ScanFileError, match=r'\.scn.*export one of \.stl'):
+        read_scan(tmp_path / 'a.scn', 'mm')
 
 
 def test_a_ply_under_another_name_is_recognised(tmp_path: Path, ball: trimesh.Trimesh) -> None:

@@ -27,7 +27,14 @@ _BYTE_ORDER_MARKS = (
 
 _OTHERS: tuple[tuple[bytes, str], ...] = (
     (rb'\Aversion https://git-lfs', 'a Git LFS pointer, not the file; fetch it: `git lfs pull`'),
-    (rb'\A\s*(<!doctype html|<html)', 'a web page and not the file; download the file itself'),
+    (
+        rb'\A\s*(<\?xml[^>]*>\s*)?(<!--.*?-->\s*)*(<!doctype html|<(html|head|body|title)\b)',
+        'a web page and not the file; download the file itself',
+    ),
+    (
+        rb'\A(404: Not Found|\s*(<\?xml[^>]*>\s*)?<Error>)',
+        'the answer of a server that does not have the file; download the file itself',
+    ),
     (rb'\AASTM-E57', 'an E57 file; export PLY, PCD or XYZ from the scanner software'),
     (rb'\AglTF', 'a glTF file; export PLY, OBJ or STL'),
     (rb'\A(Kaydara FBX|; FBX)', 'an FBX file; export PLY, OBJ or STL'),
@@ -37,9 +44,23 @@ _OTHERS: tuple[tuple[bytes, str], ...] = (
     (rb'\A\s*(<\?xml[^>]*>\s*)?(<!DOCTYPE X3D.*?>\s*)?<X3D', 'an X3D file; export VRML 2 or PLY'),
     (rb'\A\s*(<\?xml[^>]*>\s*)?<VTKFile', 'a VTK file; export PLY or STL'),
     (rb'\A\s*(<\?xml[^>]*>\s*)?<amf', 'an AMF file; export STL or PLY'),
+    (rb'\A\s*<\?xml', 'an XML document and no scan; export PLY, OBJ or STL'),
+    (rb'\A\s*(\{\s*["}]|\[\s*[\[{"\d-])', 'a JSON document and no scan; export the scan'),
+    (rb'\AISO-10303-21', 'a STEP file; export STL or PLY'),
+    (rb'\A\s*0\s+SECTION\b', 'a DXF file; export STL or PLY'),
+    (rb'\ABLENDER', 'a Blender file; export PLY, OBJ or STL'),
+    (rb'\A(#usda|PXR-USDC)', 'a USD file; export PLY, OBJ or STL'),
+    (rb'\A\x93NUMPY', 'an array of numpy; write it with `numpy.savetxt` as XYZ'),
+    (rb'\A\x89HDF', 'an HDF5 file; export PLY or XYZ'),
+    (rb'\A\xd0\xcf\x11\xe0', 'a document of an office or CAD program; export CSV, STL or PLY'),
+    (rb'\A\s*ncols\s+\d', 'a grid of heights (ESRI ASCII); export XYZ or PLY'),
+    (rb'\A.{257}ustar', 'a tar archive; unpack it first: `tar xf`'),
     (rb'\A%PDF', 'a PDF document and no scan'),
     (rb'\A\x89PNG|\A\xff\xd8\xff', 'a picture and no scan'),
-    (rb'\A\x89MCAP', 'a recorded bag and no scan file; give it to `grasp_report`'),
+    (
+        rb'\A(\x89MCAP|SQLite format 3|#ROSBAG)',
+        'a recorded bag and no scan file; give it to `grasp_report`',
+    ),
     (rb'\A\x28\xb5\x2f\xfd', 'compressed by zstd; unpack it first: `zstd -d`'),
     (rb'\ABZh[1-9]1AY', 'compressed by bzip2; unpack it first: `bunzip2`'),
     (rb'\A\xfd7zXZ\0', 'compressed by xz; unpack it first: `unxz`'),
@@ -61,7 +82,6 @@ def opened(data: bytes, suffix: str) -> tuple[bytes, tuple[str, ...]]:
     notes: tuple[str, ...] = ()
     if data.startswith(GZIP):
         data, notes = _gunzipped(data), ('unpacked with gzip',)
-    _refuse_others(data, suffix)
     encoding = _encoding(data)
     if encoding:
         try:
@@ -73,6 +93,7 @@ def opened(data: bytes, suffix: str) -> tuple[bytes, tuple[str, ...]]:
         notes = (*notes, f'text in {encoding.upper()}')
     elif data.startswith(codecs.BOM_UTF8):
         data = data[len(codecs.BOM_UTF8) :]
+    _refuse_others(data, suffix)
     return data, notes
 
 

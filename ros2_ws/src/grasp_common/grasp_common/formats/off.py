@@ -10,6 +10,8 @@ import re
 
 import numpy as np
 
+from grasp_common.formats.ply import TextBody
+from grasp_common.formats.ply_header import Element, Property
 from grasp_common.formats.raw import (
     RawMesh,
     Rows,
@@ -23,6 +25,8 @@ from grasp_common.formats.raw import (
 
 _HEADER = re.compile(rb'\s*(ST)?(C)?(N)?(4)?(n)?OFF(?![A-Za-z])[ \t]*(BINARY)?')
 _COMMENT = re.compile(rb'#[^\n\r]*')
+_VERTEX = [Property(axis, 'f8', None) for axis in 'xyz']
+_FACE = [Property('vertex_indices', 'i4', 'i4')]
 _COUNTS = re.compile(rb'\s*(\d{1,18})\s+(\d{1,18})(\s+\d{1,18})?[ \t]*(?=[\r\n]|\Z)')
 
 
@@ -38,8 +42,36 @@ def read_off(data: bytes) -> RawMesh:
     if not counts:
         raise ScanFileError('OFF without its line of vertices, faces and edges')
     wanted = int(counts[1]), int(counts[2])
-    points, triangles, faces = Rows(np.float64, 3), Rows(np.int32, 3), 0
-    for chunk in chunks_of_lines(data, counts.end()):
+    try:
+        points, triangles = _by_line(data, counts.end(), wanted)
+    except ScanFileError:
+        # without colours and normals the numbers alone tell, wherever lines are broken
+        free = None if header and any(header.groups()) else _free(data, counts.end(), wanted)
+        if free is None:
+            raise
+        points, triangles = free
+    if not len(triangles):
+        return RawMesh(points, None)
+    return RawMesh(points, checked_triangles(triangles, len(points)))
+
+
+def _free(
+    data: bytes, start: int, wanted: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Points and triangles of numbers in lines of any length; None where they do not fit."""
+    body = TextBody(data, start)
+    try:
+        points = body.points(Element('vertex', wanted[0], _VERTEX))
+        triangles = body.triangles(Element('face', wanted[1], _FACE))
+        return None if body.rest() else (points, triangles)
+    except ScanFileError:
+        return None
+
+
+def _by_line(data: bytes, start: int, wanted: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) and triangles (m, 3) of a file with a line for each; raises ScanFileError."""
+    points, triangles, faces, surplus = Rows(np.float64, 3), Rows(np.int32, 3), 0, 0
+    for chunk in chunks_of_lines(data, start):
         sizes = tokens_per_line(chunk)
         if sizes.size == 0:
             continue
@@ -56,14 +88,13 @@ def read_off(data: bytes) -> RawMesh:
             places = np.repeat(firsts[rows] + 1, corners) + _steps(corners)
             triangles.add(triangles_from_polygons(corners, _indices(numbers[places])))
             faces += len(corners)
-    if (len(points), faces) != wanted:
+        surplus += len(sizes) - rows.stop
+    if (len(points), faces, surplus) != (*wanted, 0):
         raise ScanFileError(
             f'OFF declares {wanted[0]} vertices and {wanted[1]} faces but holds {len(points)} and '
-            f'{faces}; the file is cut or its header is wrong'
+            f'{faces + surplus}; the file is cut or its header is wrong: export it again'
         )
-    if not len(triangles):
-        return RawMesh(points.table(), None)
-    return RawMesh(points.table(), checked_triangles(triangles.table(), len(points)))
+    return points.table(), triangles.table()
 
 
 def _counts_of(numbers: np.ndarray, firsts: np.ndarray, sizes: np.ndarray) -> np.ndarray:

@@ -11,7 +11,14 @@ import io
 
 import numpy as np
 
-from grasp_common.formats.raw import RawMesh, Rows, ScanFileError, chunks_of_lines
+from grasp_common.formats.raw import (
+    RawMesh,
+    Rows,
+    ScanFileError,
+    chunks_of_lines,
+    refuse_swapped,
+    tokens_per_line,
+)
 
 LARGEST_HEADER = 2**14
 LARGEST_ELEMENTS = 2**16
@@ -46,7 +53,7 @@ class _Header:
         if (
             words is None
             or len(words) != count
-            or not all(w.isdigit() and len(w) < 19 for w in words)
+            or not all(w.isascii() and w.isdigit() and len(w) < 19 for w in words)
         ):
             raise ScanFileError(f'PCD header line {key} is missing or not {count} whole numbers')
         return [int(word) for word in words]
@@ -100,13 +107,20 @@ def _notes(header: _Header) -> tuple[str, ...]:
 
 
 def _missing(count: int, present: int) -> ScanFileError:
-    return ScanFileError(f'PCD declares {count} points but holds {present}; {_CUT}')
+    cause = _CUT if present < count else 'its header is wrong: export it again'
+    return ScanFileError(f'PCD declares {count} points but holds {present}; {cause}')
 
 
 def _ascii(data: bytes, start: int, count: int, counts: list[int], axes: list[int]) -> np.ndarray:
     columns = tuple(sum(counts[:axis]) for axis in axes)
     points = Rows(np.float64, 3)
     for chunk in chunks_of_lines(data, start):
+        different = set(tokens_per_line(chunk).tolist()) - {sum(counts)}
+        if different:
+            raise ScanFileError(
+                f'PCD with a line of {different.pop()} numbers, not the {sum(counts)} of its '
+                f'header; {_CUT}'
+            )
         if chunk.isspace():
             continue
         try:
@@ -122,12 +136,15 @@ def _binary(
     data: bytes, start: int, count: int, types: list[np.dtype], axes: list[int]
 ) -> np.ndarray:
     record = np.dtype([(f'f{k}', kind) for k, kind in enumerate(types)])
-    present = (len(data) - start) // record.itemsize
-    if present < count:
+    present, surplus = divmod(len(data) - start, record.itemsize)
+    # zeros at the end are padding
+    more = present > count and not surplus and data[start + count * record.itemsize :].strip(b'\0')
+    if present < count or more:
         raise _missing(count, present)
     table = np.frombuffer(data, record, count, start)
     points = np.empty((count, 3))
     for column, axis in enumerate(axes):
+        refuse_swapped(table[f'f{axis}'], 'binary PCD')
         points[:, column] = table[f'f{axis}'][:, 0]
     return points
 

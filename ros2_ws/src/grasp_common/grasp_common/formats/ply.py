@@ -32,21 +32,16 @@ MOST_BYTE_FACES = 2**20
 def read_ply(data: bytes) -> RawMesh:
     """Read PLY; raises ScanFileError if the header is malformed or promises more than is there."""
     order, elements, body = read_header(data)
-    vertex = [element for element in elements if element.name == 'vertex']
-    if len(vertex) != 1 or vertex[0].lists:
-        raise ScanFileError('PLY needs one element "vertex" with scalar properties only')
-    types = {item.name: item.type for item in vertex[0].properties}
-    if {'x', 'y', 'z'} - set(types):
-        raise ScanFileError('PLY vertices without properties x, y and z')
+    types = _vertex_types(elements)
     if order and {types[axis] for axis in 'xyz'} & {'i1', 'u1'}:
         raise ScanFileError('PLY coordinates of 8 bits are no scan; export float')
-    table: _BinaryBody | _AsciiBody = (
-        _BinaryBody(data, body, order) if order else _AsciiBody(data, body)
+    table: _BinaryBody | TextBody = (
+        _BinaryBody(data, body, order) if order else TextBody(data, body)
     )
     try:
         points, triangles, notes = _elements(table, elements)
-        if isinstance(table, _AsciiBody) and table.rest():
-            raise ScanFileError('ASCII PLY with more numbers than its header declares')
+        if isinstance(table, TextBody) and table.rest():
+            raise ScanFileError(f'ASCII PLY with more numbers than its {_counts(elements)}')
     except ScanFileError:
         # several lists a face: writers are known whose lines end in more than they declare
         if order or not any(len(element.lists) > 1 for element in elements):
@@ -54,6 +49,8 @@ def read_ply(data: bytes) -> RawMesh:
         points, faces = _by_line(data, body, elements)
         triangles = [faces]
         notes = ['PLY lines hold more than their header says; what follows the corners left out']
+    if isinstance(table, _BinaryBody):
+        notes += table.surplus(elements)
     found = [piece for piece in triangles if len(piece)]
     if not found:
         return RawMesh(points, None, tuple(notes))
@@ -61,8 +58,32 @@ def read_ply(data: bytes) -> RawMesh:
     return RawMesh(points, checked_triangles(joined, len(points)), tuple(notes))
 
 
+def _vertex_types(elements: list[Element]) -> dict[str, str]:
+    """The types of the properties of vertices by name; raises ScanFileError without x, y, z."""
+    vertex = [element for element in elements if element.name == 'vertex']
+    if len(vertex) != 1:
+        raise ScanFileError(
+            f'PLY with {len(vertex) or "no"} elements "vertex" in its header; export it again'
+        )
+    if vertex[0].lists:
+        raise ScanFileError(
+            f'PLY whose vertices have a list "{vertex[0].lists[0].name[:40]}": the line "element '
+            'face" seems to be missing from its header; export it again'
+        )
+    types = {item.name: item.type for item in vertex[0].properties}
+    if {'x', 'y', 'z'} - set(types):
+        found = ', '.join(types)[:60] or 'none'
+        raise ScanFileError(f'PLY vertices without properties x, y and z; they have {found}')
+    return types
+
+
+def _counts(elements: list[Element]) -> str:
+    counts = ', '.join(f'{element.count} "{element.name[:40]}"' for element in elements)
+    return f'header declares ({counts}): a count is wrong; export it again'
+
+
 def _elements(
-    table: _BinaryBody | _AsciiBody, elements: list[Element]
+    table: _BinaryBody | TextBody, elements: list[Element]
 ) -> tuple[np.ndarray, list[np.ndarray], list[str]]:
     """Read all elements: points (n, 3), pieces of triangles (m, 3), and what was left out."""
     points = np.empty((0, 3))
@@ -194,8 +215,30 @@ class _BinaryBody:
         for count in _pieces(element.count):
             self._walk(element, count)
 
+    def surplus(self, elements: list[Element]) -> list[str]:
+        """Notes on the bytes after the last element; raises ScanFileError if it goes on there."""
+        rest = self._data[self._position :]
+        last = elements[-1]
+        if rest.strip(b'\0\r\n ') and last.properties:
+            corners = 3 if last.name == 'face' else 0
+            size = sum(
+                np.dtype(item.type).itemsize * (corners if item.count_type else 1)
+                + np.dtype(item.count_type or 'V0').itemsize
+                for item in last.properties
+            )
+            if size and len(rest) % size == 0 and (not last.lists or self._goes_on(last)):
+                raise ScanFileError(f'binary PLY with more than its {_counts(elements)}')
+        return [f'{len(rest)} bytes after the last element ignored'] if rest else []
 
-class _AsciiBody:
+    def _goes_on(self, element: Element) -> bool:
+        """Does another element with lists follow?"""
+        try:
+            return bool(self._walk(element, 1)[0].max() > 0)
+        except ScanFileError:
+            return False
+
+
+class TextBody:
     """Reads elements one after the other from the numbers of the text, a piece at a time."""
 
     def __init__(self, data: bytes, start: int) -> None:
@@ -240,6 +283,7 @@ class _AsciiBody:
             done += len(rows)
 
     def points(self, element: Element) -> np.ndarray:
+        """Read x, y and z (n, 3) of an element without lists; raises ScanFileError."""
         names = [item.name for item in element.properties]
         points = Rows(np.float64, 3)
         for rows in self._scalars(element):
@@ -247,6 +291,7 @@ class _AsciiBody:
         return points.table()
 
     def triangles(self, element: Element) -> np.ndarray:
+        """Read the corners (m, 3) of an element of polygons or strips; raises ScanFileError."""
         corners, step = element.corners, len(element.lists)
         assert corners is not None
         plain = step == 1 and element.name == 'face'
@@ -308,6 +353,7 @@ class _AsciiBody:
         return found
 
     def skip(self, element: Element) -> None:
+        """Pass an element; raises ScanFileError."""
         if not element.lists:
             for _ in self._scalars(element):
                 pass

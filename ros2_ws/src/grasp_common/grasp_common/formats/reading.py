@@ -89,5 +89,5 @@ def _reader(data: bytes, suffix: str) -> Reader:
             return named if named is not None and reader is read_stl else reader
     if named is None:
         known = ', '.join(FORMATS)
-        raise ScanFileError(f'unknown scan format {suffix!r}; known: {known}')
+        raise ScanFileError(f'unknown scan format {suffix!r}; export one of {known}')
     return named

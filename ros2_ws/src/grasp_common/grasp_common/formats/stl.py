@@ -21,6 +21,8 @@ FACE = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attribute',
 
 _NOT_A_VERTEX_LINE = re.compile(rb'^(?![ \t\f\v]*vertex\s)[^\n]*$', re.IGNORECASE | re.MULTILINE)
 _VERTEX = re.compile(rb'^[ \t\f\v]*vertex', re.IGNORECASE | re.MULTILINE)
+_END = re.compile(rb'[\r\n]\s*end\s*solid\b', re.IGNORECASE)
+_NO_END = 'ASCII STL without "endsolid" at its end: it may be cut there'
 _FACET = re.compile(rb'^\s*facet\b', re.IGNORECASE | re.MULTILINE)
 
 
@@ -33,8 +35,11 @@ def read_stl(data: bytes) -> RawMesh:
         declared = int.from_bytes(data[HEADER_BYTES : HEADER_BYTES + 4], 'little')
         if len(data) == HEADER_BYTES + 4 + declared * FACE.itemsize:
             return _read_binary(data, declared)
-    if data[:512].lstrip()[:5].lower() == b'solid' and _FACET.search(data[:8192]):
+    named_solid = data[:512].lstrip()[:5].lower() == b'solid'
+    if named_solid and _FACET.search(data[:8192].replace(b'\r', b'\n')):
         return _read_ascii(data)
+    if named_solid and b'\0' not in data:
+        raise ScanFileError('ASCII STL without any facet; export the object again')
     if len(data) < HEADER_BYTES + 4:
         raise ScanFileError(
             f'{len(data)} bytes are neither ASCII STL nor a binary header of 84 bytes'
@@ -81,4 +86,5 @@ def _read_ascii(data: bytes) -> RawMesh:
             f'but holds {len(coordinates)}; the file is cut or malformed'
         )
     points = coordinates.table().reshape(-1, 3)
-    return RawMesh(points, np.arange(len(points), dtype=np.int32).reshape(-1, 3))
+    notes = () if _END.search(data, max(0, len(data) - 8192)) else (_NO_END,)
+    return RawMesh(points, np.arange(len(points), dtype=np.int32).reshape(-1, 3), notes)

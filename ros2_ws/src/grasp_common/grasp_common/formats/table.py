@@ -26,6 +26,9 @@ SNIFFED_BYTES = 2**16
 MOST_TITLES = 50
 """Lines of words that may stand in front of the numbers."""
 
+FEWEST_COUNTED = 5
+"""So many lines tell a running number from a coordinate."""
+
 _COMMENT = re.compile(rb'(#|//)[^\n]*')
 _NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?\Z|[+-]?(nan|inf|infinity)\Z', re.I)
 _DECIMAL_COMMA = re.compile(r'[+-]?\d*,\d+([eE][+-]?\d+)?\Z')
@@ -80,9 +83,11 @@ def read_table(data: bytes) -> RawMesh:
     if not len(points):
         raise ScanFileError('a table without any point')
     if dialect.declared is not None and dialect.declared != len(points):
+        cut = len(points) < dialect.declared
         raise ScanFileError(
-            f'its first line declares {dialect.declared} points but {len(points)} follow; the '
-            'file is cut: copy or export it again'
+            f'its first line declares {dialect.declared} points but {len(points)} follow; '
+            + ('the file is cut: copy' if cut else 'its count is wrong: correct')
+            + ' or export it again'
         )
     return RawMesh(points.table(), None, dialect.notes)
 
@@ -128,9 +133,12 @@ def _check_columns(text: bytes, dialect: _Dialect) -> None:
         counts = 1 + np.fromiter((line.count(mark) for line in lines), np.int64, len(lines))
     different = np.flatnonzero(counts != dialect.columns)
     if different.size:
+        other = int(counts[different[0]])
+        cause = 'the file is cut or not a table of points'
+        if other == 1:
+            cause = 'it is cut, or several scans follow each other: give each a file of its own'
         raise ScanFileError(
-            f'lines have {dialect.columns} columns at first and {int(counts[different[0]])} '
-            'later; the file is cut or not a table of points'
+            f'lines have {dialect.columns} columns at first and {other} later; {cause}'
         )
 
 
@@ -162,6 +170,8 @@ def _sniffed(data: bytes) -> _Dialect:
     if delimiter == ',' and all(len(_fields(row, ',')) == count for row in rows):
         _refuse_split_decimals(rows, count)
     axes = _heading(titles, front.comments[-1:], delimiter, count)
+    if axes is None and count > 3:
+        _refuse_counted(rows, delimiter)
     notes = ['decimal commas read as points'] if decimal_comma else []
     if axes is None:
         axes = (0, 1, 2)
@@ -197,7 +207,7 @@ def _front(data: bytes) -> _Front:
             front.comments += [comment] if comment and not front.rows else []
         elif front.rows:
             front.rows.append(line)
-        elif _WHOLE.match(line) and not front.titles:
+        elif _WHOLE.match(line.strip()) and not front.titles:
             if front.declared is not None:
                 raise ScanFileError('two numbers alone in front, as in PTX; export PTS or PLY')
             front.declared = int(line)
@@ -247,8 +257,12 @@ def _separators(rows: list[str]) -> tuple[str | None, bool]:
     if not commas:
         return None, False
     words = [word for row in plain for word in row.split()]
-    if any(len(row.split()) >= 3 for row in plain) and all(
-        _DECIMAL_COMMA.match(word) or _is_number(word) for word in words
+    # a comma at the end of a word separates it from the next
+    words = [word.removesuffix(',') for word in words]
+    if (
+        any(len(row.split()) >= 3 for row in plain)
+        and any(map(_DECIMAL_COMMA.match, words))
+        and all(_DECIMAL_COMMA.match(word) or _is_number(word) for word in words)
     ):
         raise ScanFileError(f'decimal commas, as in {rows[0][:40]!r}; {_WAY_OUT}')
     return ',', False
@@ -257,18 +271,38 @@ def _separators(rows: list[str]) -> tuple[str | None, bool]:
 def _refuse_split_decimals(rows: list[str], count: int) -> None:
     """Raise ScanFileError for decimal commas in a table that commas separate as well.
 
-    Then every second column is the digits after a comma: never signed, of one length.
+    Then every second column is the digits after a comma: never signed, of one length or, where
+    zeros at the end were dropped, beginning with a zero here and there.
     """
     if count % 2 or count < 6:
         return
     fields = [_fields(row, ',') for row in rows if row.strip()]
     tails = [row[k] for row in fields for k in range(1, count, 2)]
     heads = [row[k] for row in fields for k in range(0, count, 2)]
-    same = len({len(tail) for tail in tails}) == 1 and all(map(str.isdigit, tails))
-    if same and len(rows) > 3 and all(re.match(r'[+-]?\d+\Z', head) for head in heads):
+    digits = all(map(str.isdigit, tails)) and (
+        len({len(tail) for tail in tails}) == 1
+        or any(tail[0] == '0' and len(tail) > 1 for tail in tails)
+        or '-0' in heads
+    )
+    if digits and len(rows) > 3 and all(re.match(r'[+-]?\d+\Z', head) for head in heads):
         raise ScanFileError(
             f'whole numbers in pairs, such as {rows[0][:40]!r}: commas seem to be both decimal '
             f'points and separators; {_WAY_OUT}'
+        )
+
+
+def _refuse_counted(rows: list[str], delimiter: str | None) -> None:
+    """Raise ScanFileError if the first of more than three unnamed columns numbers the lines."""
+    first = [_fields(row, delimiter)[0] for row in rows if row.strip()]
+    if len(first) < FEWEST_COUNTED or not all(map(_WHOLE.match, first)):
+        return
+    start = int(first[0])
+    if start in (0, 1) and [int(number) for number in first] == list(
+        range(start, start + len(first))
+    ):
+        raise ScanFileError(
+            f'its first column numbers the points ({", ".join(first[:3])}, ...) and no heading '
+            'names the others; write a heading such as "n x y z", or drop that column'
         )
 
 

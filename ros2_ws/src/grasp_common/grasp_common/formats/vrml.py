@@ -104,7 +104,12 @@ def read_vrml(data: bytes) -> RawMesh:
         _walk(node, np.eye(4), collected, 0)
     del parser, scene
     if not collected.points:
-        raise ScanFileError('VRML scene without any IndexedFaceSet or PointSet')
+        others = ', '.join(dict.fromkeys(collected.notes))[:200]
+        raise ScanFileError(
+            'VRML scene without any IndexedFaceSet or PointSet'
+            + (f' ({others})' if others else '')
+            + '; export a mesh'
+        )
     triangles = None
     if len(collected.triangles):
         triangles = checked_triangles(collected.triangles.table(), collected.n_points)

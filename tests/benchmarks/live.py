@@ -56,8 +56,8 @@ def squeeze_sample(stamp: int, force: np.ndarray, depth: float) -> ContactSample
 class Truth:
     """Converged equilibria of the squeeze on a fine table of depths."""
 
-    def __init__(self, object_name: str, vertices: int, step: float = 1e-4) -> None:
-        model = build_model(load_object(object_name), control_vertices=vertices)
+    def __init__(self, vertices: int, step: float = 1e-4, theory: str = 'koiter') -> None:
+        model = build_model(load_object('tennis_ball'), theory, control_vertices=vertices)
         tracker = EquilibriumTracker(model)
         patches = tuple(model.contact(OUTER * d, PIN) for d in DIRECTIONS)
         tracker.take(model.on_contacts(patches))
@@ -94,16 +94,18 @@ def depth_at(elapsed: float, seconds: float) -> float:
 class Live:
     """Estimator and background process, as in the node but without ROS."""
 
-    def __init__(self, vertices: int, errors: ErrorModel) -> None:
+    def __init__(self, vertices: int, errors: ErrorModel, theory: str = 'koiter') -> None:
         began = time.perf_counter()
-        self.worker = WorkerProcess(Build('tennis_ball', 'koiter', vertices))
+        self.worker = WorkerProcess(Build('tennis_ball', theory, vertices))
         while not self.worker.became_ready():
             if not self.worker.alive:
                 raise RuntimeError('the background process ended')
             time.sleep(0.001)
         memory = self.worker.memory
         assert memory is not None
-        self.estimator = Estimator(memory.rest, memory.rest_normals, Settings(errors))
+        self.estimator = Estimator(
+            memory.rest, memory.rest_normals, Settings(errors), memory.rest_outer
+        )
         self.estimator.pose = IDENTITY
         self.request = empty_request()
         self.results = 0
@@ -187,16 +189,16 @@ def tick_rows(vertices: int, goal_ms: float) -> list[Row]:
     ]
 
 
-def squeeze_rows(vertices: int, goal_hz: float) -> list[Row]:
+def squeeze_rows(vertices: int, goal_hz: float, theory: str = 'koiter') -> list[Row]:
     """Refresh rate and served error over the squeeze to 10 mm in 2 s, and at 5 times the speed."""
-    truth = Truth('tennis_ball', vertices)
+    truth = Truth(vertices, theory=theory)
     rows: list[Row] = []
     sure = replace(ErrorModel(), mounting=1e-6, modulus=1e-3, model=0.0)
     for seconds in (2.0, 0.4):
-        live = Live(vertices, sure)
+        live = Live(vertices, sure, theory)
         found = squeeze(live, truth, seconds)
         live.worker.stop()
-        name = f'{len(live.estimator.rest)} vertices, 10 mm in {seconds:g} s'
+        name = f'{theory}, {len(live.estimator.rest)} vertices, 10 mm in {seconds:g} s'
         fast = seconds < 1.0
         rows += [
             Row(
@@ -236,7 +238,7 @@ def squeeze_rows(vertices: int, goal_hz: float) -> list[Row]:
 
 def late_rows(vertices: int) -> list[Row]:
     """Error of what is served if every refresh takes a given time, whatever the machine does."""
-    truth = Truth('tennis_ball', vertices)
+    truth = Truth(vertices)
     model = build_model(load_object('tennis_ball'), control_vertices=vertices)
     sure = replace(ErrorModel(), mounting=1e-6, modulus=1e-3, model=0.0)
     rows = []
@@ -269,7 +271,7 @@ def late_rows(vertices: int) -> list[Row]:
 
 def noise_rows(vertices: int, seeds: int = 10) -> list[Row]:
     """Fused against force alone: 8-bit gauge, drift, dents of 5 to 9 mm, settled."""
-    truth = Truth('tennis_ball', vertices, step=2.5e-4)
+    truth = Truth(vertices, step=2.5e-4)
     errors: dict[str, list[float]] = {'force': [], 'fused': []}
     for drive, found in errors.items():
         live = Live(vertices, ErrorModel(drive=drive, drift=0.3, quantum=0.2))
@@ -306,6 +308,7 @@ def rows(fine: bool) -> Iterator[Row]:
     if fine:
         yield from tick_rows(2500, 0.5)
     yield from squeeze_rows(640, 60.0)
+    yield from squeeze_rows(640, 15.0, 'thick')
     if fine:
         yield from squeeze_rows(2500, 20.0)
     yield from noise_rows(640)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from shell_deform.assemble.discretisation import Discretisation
 from shell_deform.assemble.held import HeldWall
+from shell_deform.assemble.pin_pressures import PressureEquations
 from shell_deform.assemble.stamps import Stamp
 from shell_deform.assemble.thick import ThickShell
 from shell_deform.contact.bodies import Body, BodyError, RoundBar, Shape, frame_of
@@ -363,6 +364,13 @@ class ShellModel:
             volume, row = self.shell.volume(positions)
             elastic -= self.overpressure(volume) * row
         return elastic
+
+    def pressure_equations(self, positions: Array) -> PressureEquations | None:
+        """Those of a thick wall under pins, see `pin_pressures`; None where there are none."""
+        found = self.shell.pressure_equations(positions)
+        if found is None or self.remembering is None:
+            return found
+        return replace(found, share=self.remembering.now)
 
     def _wall_gradient(self, positions: Array) -> tuple[float, Array]:
         if self.remembering is not None:

@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from shell_deform.assemble import plain
+from shell_deform.assemble.pin_pressures import PressureEquations
 from shell_deform.assemble.shell_points import ShellPoints
 from shell_deform.compiled.cache import HAVE_NUMBA
 from shell_deform.compiled.halves import both
@@ -92,6 +93,10 @@ class Discretisation(ShellPoints):
     def settled(self, positions: Array) -> Array:
         """The unknowns with what is found point by point brought up to date after a step."""
         return positions
+
+    def pressure_equations(self, positions: Array) -> PressureEquations | None:
+        """Equations of unknowns that the stiffness has eliminated; None where there are none."""
+        return None
 
     def outer_face(self, positions: Array) -> Array:
         """(n, 3) points of the outer face over the limit positions of the vertices [m]."""

@@ -20,14 +20,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from shell_deform.assemble.discretisation import Discretisation, Sums, discretise
+from shell_deform.assemble.pin_pressures import PressureEquations
 from shell_deform.assemble.shear_nodes import (
     ElementUnknowns,
     element_unknowns,
-    shear_frames,
     sheared_vertices,
 )
 from shell_deform.assemble.shell_points import StiffnessPattern, stiffness_pattern
@@ -38,6 +37,7 @@ from shell_deform.assemble.stamps import (
     stamp_points,
     stamp_splits,
 )
+from shell_deform.assemble.thick_outer_face import ThickOuterFace
 from shell_deform.compiled.cache import HAVE_NUMBA
 from shell_deform.compiled.halves import both
 from shell_deform.surface.control_mesh import ControlMesh
@@ -48,7 +48,7 @@ from shell_deform.theory.material import Material
 from shell_deform.theory.reference import sharpest_curvature
 
 if HAVE_NUMBA:
-    from shell_deform.assemble import thick_kernels
+    from shell_deform.assemble import thick_kernels, thick_state_kernels
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -269,26 +269,60 @@ class ThickShell(Discretisation):
     @property
     def _cell_keys(self) -> list[tuple[int, int]]:
         """(element, stamp) of the pressure on every pressed point."""
-        element = np.searchsorted(self.point_offsets, self.pressed.point, side='right') - 1
-        return list(zip(element.tolist(), self.pressed.stamp.tolist(), strict=True))
+        element = self._pressed_elements.tolist()
+        return list(zip(element, self.pressed.stamp.tolist(), strict=True))
 
     def settled(self, positions: Array) -> Array:
         """The unknowns with the contact pressures of the step that was just taken."""
-        if not len(self.pressed.point):
+        equations = self.pressure_equations(positions)
+        if equations is None:
             return positions
-        states = self.point_states(positions, self.pressed.point)
-        if states is None:
-            return positions
-        compliance = self.kernel_arguments[3][3]
-        height, squeeze, push = states[:, 2], states[:, 3], states[:, 4]
-        cell, weight = self.pressed.cell, self.weights[self.pressed.point]
-        missing = np.bincount(cell, weight * (height - compliance * push))
-        soft = np.bincount(cell, weight * (squeeze + compliance))
-        result = np.array(positions)
-        first = 3 * (self.first_pin + len(self.stamps))
-        result.reshape(-1)[first : first + self.pressed.cells] += (
-            missing / soft / self.pressure_unit
+        flat = np.zeros(positions.size)
+        return positions + equations.followed(flat, equations.missing).reshape(-1, 3)
+
+    def pressure_equations(self, positions: Array) -> PressureEquations | None:
+        """Those of the cells; None without pins, or where a pressed point has no equilibrium."""
+        pressed = self.pressed
+        if not len(pressed.point):
+            return None
+        self._refuse_others(positions)
+        positions = np.ascontiguousarray(positions)
+        element, middle = self._pressed_elements, len(pressed.point) // 2
+
+        def part(own: slice) -> tuple[Array, Array] | None:
+            gaps, reach = np.zeros((pressed.cells, 2)), np.zeros(self._cell_unknowns.shape)
+            arguments: Any = (
+                *self.kernel_arguments, positions, pressed.point[own], element[own],
+                pressed.cell[own], gaps, reach,
+            )  # fmt: skip
+            return (gaps, reach) if thick_state_kernels.cell_equations(*arguments) else None
+
+        one, other = both(lambda: part(slice(0, middle)), lambda: part(slice(middle, None)))
+        if one is None or other is None:
+            return None
+        gaps, reach = one[0] + other[0], one[1] + other[1]
+        dofs = self._first_cell + np.arange(pressed.cells)
+        return PressureEquations(
+            gaps[:, 0], gaps[:, 1], reach, self._cell_unknowns, dofs, self.pressure_unit
         )
+
+    @cached_property
+    def _pressed_elements(self) -> Index:
+        """(g,) element of each pressed point."""
+        found = np.searchsorted(self.point_offsets, self.pressed.point, side='right') - 1
+        return found.astype(np.int64)
+
+    @cached_property
+    def _cell_unknowns(self) -> Index:
+        """(c, w) unknowns of the element of each cell, the rest 0."""
+        offsets, nodes = self.elements.offsets, self.elements.nodes
+        owner = np.zeros(self.pressed.cells, dtype=np.int64)
+        owner[self.pressed.cell] = self._pressed_elements
+        sizes = offsets[owner + 1] - offsets[owner]
+        result = np.zeros((len(owner), 3 * int(sizes.max())), dtype=np.int64)
+        for cell, element in enumerate(owner.tolist()):
+            own = nodes[offsets[element] : offsets[element + 1]]
+            result[cell, : 3 * len(own)] = (3 * own[:, None] + np.arange(3)).ravel()
         return result
 
     def lost_place(self, positions: Array) -> Array | None:
@@ -303,7 +337,7 @@ class ThickShell(Discretisation):
         return None
 
     def point_states(self, positions: Array, points: Index) -> Array | None:
-        """(c, 17) of the points (c,), see `thick_kernels.point_states`; None where one fails."""
+        """(c, 17) of the points (c,), see `thick_state_kernels`; None where one fails."""
         self._refuse_others(positions)
         out = np.zeros((len(points), 17))
         element = np.searchsorted(self.point_offsets, points, side='right') - 1
@@ -315,7 +349,7 @@ class ThickShell(Discretisation):
                 *self.kernel_arguments, positions, chosen[own], element[own].astype(np.int64),
                 out[own],
             )  # fmt: skip
-            return bool(thick_kernels.point_states(*arguments))
+            return bool(thick_state_kernels.point_states(*arguments))
 
         halves = both(lambda: part(slice(0, middle)), lambda: part(slice(middle, None)))
         return out if all(halves) else None
@@ -343,8 +377,12 @@ class ThickShell(Discretisation):
 
     @cached_property
     def _pressure_dofs(self) -> Index:
-        first = 3 * (self.first_pin + len(self.stamps))
-        return first + self.pressed.cell
+        return self._first_cell + self.pressed.cell
+
+    @property
+    def _first_cell(self) -> int:
+        """Number of the first pressure among all unknowns."""
+        return 3 * (self.first_pin + len(self.stamps))
 
     @cached_property
     def _curvature(self) -> Array:
@@ -375,58 +413,13 @@ class ThickShell(Discretisation):
             ),
         )  # fmt: skip
 
-    # ---- its faces
-
     def outer_face(self, positions: Array) -> Array:
         """(n, 3) points of the outer face over the limit positions of the vertices [m]."""
-        surface = self.surface
-        n = len(self.mesh.vertices)
-        controls = positions[:n]
-        place = surface.limit_positions(controls)
-        normal = surface.vertex_normals(controls)
-        director = normal + self._pushed_shear(positions)
-        director /= np.linalg.norm(director, axis=1)[:, None]
-        tops = np.where(self._beyond, 0.5 * self.wall, self._to_vertices @ self._tops(positions))
-        return place + tops[:, None] * director
-
-    def _tops(self, positions: Array) -> Array:
-        """(p,) height of the outer face over the middle surface [m]."""
-        states = self.point_states(positions, np.arange(len(self.weights)))
-        if states is None:
-            return 0.5 * self.thickness
-        return self.thickness * (0.5 * states[:, 0] + 0.25 * states[:, 1])
-
-    def _pushed_shear(self, positions: Array) -> Array:
-        """(n, 3) shear of the director at the vertices, in the deformed tangent planes."""
-        surface = self.surface
-        n = len(self.mesh.vertices)
-        first, second = surface.vertex_tangents(self.mesh.vertices)
-        rest = np.stack([first, second], axis=2)
-        field = np.zeros((n, 3))
-        first_frame, second_frame = shear_frames(surface, self.sheared)
-        w = positions[n : self.first_pin] / float(self.wall.mean())
-        field[self.sheared] = w[:, :1] * first_frame + w[:, 1:2] * second_frame
-        components = np.einsum('nai,ni->na', np.linalg.pinv(rest), surface.limit_positions(field))
-        moved_first, moved_second = surface.vertex_tangents(positions[:n])
-        return components[:, :1] * moved_first + components[:, 1:] * moved_second
+        return self._outer_face.at(positions)
 
     @cached_property
-    def _beyond(self) -> NDArray[np.bool_]:
-        """(n,) vertices beyond an edge: no point of the surface is theirs."""
-        return np.diff(self._to_vertices.indptr) == 0
-
-    @cached_property
-    def _to_vertices(self) -> sp.csr_matrix:
-        """(n, p) means over the points of a vertex's triangles, by area and nearness."""
-        basis = self.basis
-        corners = self.mesh.triangles[basis.triangle[basis.element]]
-        u, v = basis.parameters.T
-        share = np.stack([1.0 - u - v, u, v], axis=1) * self.weights[:, None]
-        p = np.repeat(np.arange(len(self.weights)), 3)
-        shape = (len(self.mesh.vertices), len(self.weights))
-        matrix = sp.csr_matrix((share.ravel(), (corners.ravel(), p)), shape=shape)
-        total = np.asarray(matrix.sum(axis=1)).ravel()
-        return sp.diags(1.0 / np.where(total > 0, total, 1.0)) @ matrix
+    def _outer_face(self) -> ThickOuterFace:
+        return ThickOuterFace(self)
 
 
 def thick_shell(

@@ -277,8 +277,22 @@ def add_point_stiffness(
         add_rows(row[k], value[k], response, 9 * k, 9 * (controls + shears), stiffness[k])
 
 
+@kernel(Float, Floats, Longs, FixedFloatRows, Floats, Floats, Int, Floats)
+def pin_height(
+    value: Any, corners: Any, positions: Any, axis: Any, arm: Any, pin: int, x: Any
+) -> float:
+    """Height of a pressed point of the middle surface along the pin's axis, over the pin [m]."""
+    gather_place(corners, value, positions, x)
+    height = positions[pin, 0]
+    for i in range(3):
+        height += axis[i] * x[i]
+    for i in range(2):
+        height += arm[i] * positions[pin, 1 + i]
+    return height
+
+
 @kernel(Void, FloatRows, Floats, FloatRows, Int, Int, Floats, Floats, Floats, Floats)
-def _set_reach(
+def set_reach(
     rows: Any, values: Any, shear_rows: Any, first: int, shears: int, axis: Any, arms: Any,
     reach: Any, spread: Any,
 ) -> None:  # fmt: skip
@@ -373,16 +387,12 @@ def thick_tangent(
                 return np.nan
             total += weight * energy
             if g >= 0:
-                gather_place(corners, value, positions, x)
                 pin = own[size - 1]
-                height = face[2] - heights[g] + positions[pin, 0]
-                for i in range(3):
-                    height += axes[g, i] * x[i]
-                for i in range(2):
-                    height += arms[g, i] * positions[pin, 1 + i]
+                height = face[2] - heights[g]
+                height += pin_height(value, corners, positions, axes[g], arms[g], pin, x)
                 missing += weight * (height - compliance * push)
                 soft += weight * (face[3] + compliance)
-                _set_reach(row, value, shear_rows, first, shears, axes[g], arms[g], reach, spread)
+                set_reach(row, value, shear_rows, first, shears, axes[g], arms[g], reach, spread)
                 for k in range(3 * size):
                     spreads[k] += weight * spread[k]
                 for i in range(3):
@@ -414,61 +424,3 @@ def thick_tangent(
     if stiff:
         mirror(block_rows, row_length, indices, data)
     return total
-
-
-@kernel(
-    Bool, ThickElements, ThickPoints, Stamps, ThickMaterial, FixedFloatRows, Longs, Longs,
-    FloatRows,
-    called_from_python=True,
-)  # fmt: skip
-def point_states(
-    elements: Any, points: Any, stamps: Any, material: Any, positions: Any, chosen: Any,
-    element_of: Any, out: Any,
-) -> bool:  # fmt: skip
-    """What the `chosen` points say, a row (17,) of `out` each; False where one has no equilibrium.
-
-    Columns: lambda, kappa, height of the outer face along the pin's axis over where the pin is
-    [m], squeeze compliance [m/Pa], pressure [Pa], strain energy per area [J/m^2], then the eleven
-    metric numbers of `thick_law_kernels`.
-    """
-    offsets, nodes, controls_of, shears_of, point_offsets, row_offsets = elements
-    rows, values, weights, curvature, thickness, shear_offsets, shear_rows = points
-    stamp_of, axes, heights, arms, dofs = stamps
-    modulus, bulk, unit, compliance = material
-    work, x, no_axis = point_work(), floats(3, 0.0), floats(3, 0.0)
-    q, shear, face = float_rows(5, 3), floats(6, 0.0), floats(4, 0.0)
-    force, reach, hessian = floats(21, 0.0), floats(21, 0.0), float_rows(21, 24)
-    for k in range(len(chosen)):
-        p, element = chosen[k], element_of[k]
-        own = nodes[offsets[element] : offsets[element + 1]]
-        controls, shears, size = controls_of[element], shears_of[element], len(own)
-        corners = own[:controls]
-        row = rows[row_offsets[p] : row_offsets[p + 1]]
-        g = stamp_of[p]
-        gather_derivatives(corners, row, positions, q)
-        gather_shear(
-            own[controls : controls + shears], shear_rows, shear_offsets[p], positions, shear
-        )
-        push = 0.0
-        if g >= 0:
-            push = unit * positions[dofs[g] // 3, dofs[g] % 3]
-        energy = wall_point(
-            q, shear, axes[g] if g >= 0 else no_axis, curvature[p], thickness[p], modulus, bulk,
-            push, shears > 0, g >= 0, False, force, hessian, reach, face, work,
-        )  # fmt: skip
-        if not np.isfinite(energy):
-            return False
-        height = 0.0
-        if g >= 0:
-            gather_place(corners, values[row_offsets[p] : row_offsets[p + 1]], positions, x)
-            pin = own[size - 1]
-            height = face[2] - heights[g] + positions[pin, 0]
-            for i in range(3):
-                height += axes[g, i] * x[i]
-            for i in range(2):
-                height += arms[g, i] * positions[pin, 1 + i]
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = face[0], face[1], height, face[3]
-        out[k, 4], out[k, 5] = push, energy
-        for i in range(11):
-            out[k, 6 + i] = work[3][i]
-    return True

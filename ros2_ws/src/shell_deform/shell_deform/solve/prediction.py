@@ -14,8 +14,14 @@ from shell_deform.supports.grips import between
 
 Array = NDArray[np.float64]
 
-# A step longer than this many of the last one is not extrapolated.
-LONGEST_PREDICTION = 2.0
+FARTHEST = 2.0
+"""A step longer than this many of those behind it is not extrapolated."""
+
+NEAREST = 0.25
+"""States closer together than this share of the step say more of their errors than of the path."""
+
+ASIDE = 0.5
+"""A state further off the line of the step than this share of its distance is on another path."""
 
 
 @dataclass(frozen=True)
@@ -57,22 +63,33 @@ def control_of(case: LoadCase, loads: StepLoads) -> Array:
 def predicted(path: Sequence[PathState], control: Array) -> Array | None:
     """All unknowns expected at `control` (k,), by the parabola through the last states of `path`.
 
-    None where the path behind says nothing: too short, or a step back or aside.
+    By a line where there are only two; None where the path behind says nothing: too short, or a
+    step back or aside.
     """
-    if len(path) < 2 or not len(path[-2].control) == len(path[-1].control) == len(control):
+    if not path or len(path[-1].control) != len(control):
         return None
-    last = path[-1].control - path[-2].control
-    length = float(last @ last)
-    ahead = float((control - path[-1].control) @ last) / length if length > 0 else 0.0
-    if not 0.0 < ahead <= LONGEST_PREDICTION:
+    now = path[-1]
+    step = control - now.control
+    length = float(step @ step)
+    behind: list[tuple[float, Array]] = []
+    for state in reversed(path[:-1]):
+        if length == 0.0 or len(state.control) != len(control) or len(behind) == 2:
+            break
+        back = state.control - now.control
+        place = float(back @ step) / length
+        last = behind[-1][0] if behind else 0.0
+        if place > last or np.linalg.norm(back - place * step) > ASIDE * np.linalg.norm(back):
+            break
+        if last - place >= (NEAREST if behind else 1.0 / FARTHEST):
+            behind.append((place, state.positions))
+    if not behind:
         return None
-    now, then = path[-1].positions, path[-2].positions
-    if len(path) < 3 or len(path[-3].control) != len(control):
-        return now + ahead * (now - then)
-    gap = float((path[-2].control - path[-3].control) @ last) / length
-    if gap <= 0.0:
-        return now + ahead * (now - then)
-    first = (ahead + 1.0) * (ahead + 1.0 + gap) / (1.0 + gap)
-    second = -ahead * (ahead + 1.0 + gap) / gap
-    third = ahead * (ahead + 1.0) / (gap * (1.0 + gap))
-    return first * now + second * then + third * path[-3].positions
+    (s, then), *others = behind
+    if not others:
+        return now.positions + (then - now.positions) / s
+    t, before = others[0]
+    return (
+        (1.0 - s) * (1.0 - t) / (s * t) * now.positions
+        + (1.0 - t) / (s * (s - t)) * then
+        + (1.0 - s) / (t * (t - s)) * before
+    )

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.assemble.pin_pressures import PressureEquations
 from shell_deform.live.background.condensed import (
     Condensed,
     CondensedSystem,
@@ -30,6 +31,9 @@ from shell_deform.solve.prediction import predicted
 Array = NDArray[np.float64]
 
 SMALLEST_STEP = 1.0 / 256.0
+
+PATH = 6
+"""States behind the present one that are kept: some of them may be too near to lead on."""
 
 BALANCED = 1e-12
 """Unbalanced force, over that of the shell, which is round-off."""
@@ -60,7 +64,8 @@ class State:
 
     Attributes:
         moved: (N,) displacement of the control points. force: (k,) pushes [N].
-        multipliers: (3 k + r,) of the constraints. energy: [J]. gradient: (N,) its derivative [N].
+        multipliers: (3 k + r,) of the constraints. energy: [J]. gradient: (N,) its derivative [N],
+            at these pressures under the pins of a thick wall. missing: (c,) gaps [m^3] under them.
         residual: unbalanced force relative to the loads.
     """
 
@@ -69,6 +74,7 @@ class State:
     multipliers: Array
     energy: float
     gradient: Array
+    missing: Array
     residual: float
 
 
@@ -106,6 +112,7 @@ class EquilibriumTracker:
         self._bare = model
         self._bare_rest: tuple[Tangent, SprungFactor] | None = None
         self._tangent: Tangent | None = None
+        self._pressures: PressureEquations | None = None
         self._factor: SprungFactor | None = None
         self._budget = self.options.tangents
         self._system: CondensedSystem | None = None
@@ -123,8 +130,9 @@ class EquilibriumTracker:
         """Back to the undeformed state without contacts."""
         self._use(self._bare)
         empty = np.zeros(0)
-        energy, gradient = self.model.gradient(self.model.start)
-        self.state = State(np.zeros(self.model.start.size), empty, empty, energy, gradient, 0.0)
+        energy, gradient, missing = self._balance(self.model.start)
+        moved = np.zeros(self.model.start.size)
+        self.state = State(moved, empty, empty, energy, gradient, missing, 0.0)
         self.rows: ContactRows | None = None
         self._target: Target | None = None
         self._path: tuple[PathState, ...] = ()
@@ -148,9 +156,11 @@ class EquilibriumTracker:
             return
         unknowns = model.shell.continued(self.model.shell, self.unknowns)
         self._use(model)
-        energy, gradient = model.gradient(unknowns)
+        energy, gradient, missing = self._balance(unknowns)
         moved = (unknowns - model.start).reshape(-1)
-        self.state = replace(self.state, moved=moved, energy=energy, gradient=gradient)
+        self.state = replace(
+            self.state, moved=moved, energy=energy, gradient=gradient, missing=missing
+        )
 
     def _use(self, model: ShellModel) -> None:
         if model is not self.model:
@@ -227,6 +237,7 @@ class EquilibriumTracker:
             # The old factor goes first: two of them are the largest thing in memory.
             self._factor = self._system = None
             self._tangent = self.model.tangent(positions)
+            self._pressures = self.model.pressure_equations(positions)
             self._factor = factorise_sprung(self._solver, self._tangent)
             self.factorisations += 1
         self._system = CondensedSystem(self._factor, self._tangent, self._rows())
@@ -242,12 +253,27 @@ class EquilibriumTracker:
             self._polish(self._target)
         return system.condense()
 
-    def _settled(self, moved: Array) -> Array:
-        """(N,) displacement with what the shell finds point by point brought up to date."""
-        if self.model is self._bare:
-            return moved
-        start = self.model.start
-        return (self.model.shell.settled(start + moved.reshape(-1, 3)) - start).reshape(-1)
+    def _balance(self, unknowns: Array) -> tuple[float, Array, Array]:
+        """Energy [J], gradient (N,) [N] and gaps under pins (c,) [m^3] at all `unknowns`."""
+        energy, gradient = self.model.gradient(unknowns)
+        now = self.model.pressure_equations(unknowns)
+        if now is None:
+            return energy, gradient, np.zeros(0)
+        # The gradient has the gaps closed by this state's equations; iterations close them by
+        # those of their tangent.
+        return energy, gradient - now.pull(now.missing, gradient.size), now.missing
+
+    def _closed(self, state: State) -> Array:
+        """(N,) gradient of a state with the gaps under its pins closed as the tangent does."""
+        if self._pressures is None or not len(state.missing):
+            return state.gradient
+        return state.gradient + self._pressures.pull(state.missing, state.gradient.size)
+
+    def _moved(self, state: State, step: Array) -> Array:
+        """(N,) displacement after a step by the tangent at hand, with the pressures' own step."""
+        if self._pressures is not None and len(state.missing):
+            step = self._pressures.followed(step, state.missing)
+        return state.moved + step
 
     def _polish(self, target: Target) -> None:
         """One Newton step, if it is as short as the iterations promised."""
@@ -258,13 +284,15 @@ class EquilibriumTracker:
             return
         change = tangent.stiffness @ step
         change += tangent.gas_stiffness * tangent.gas_row * (tangent.gas_row @ step)
+        gradient = self._closed(state)
         self.state = replace(
             state,
-            moved=self._settled(state.moved + step),
+            moved=self._moved(state, step),
             force=force,
             multipliers=multipliers,
-            energy=state.energy + float((state.gradient + 0.5 * change) @ step),
-            gradient=state.gradient + change,
+            energy=state.energy + float((gradient + 0.5 * change) @ step),
+            gradient=gradient + change,
+            missing=np.zeros_like(state.missing),
         )
 
     def advance(self, target: Target) -> float:
@@ -281,7 +309,7 @@ class EquilibriumTracker:
         while reached < 1.0:
             trial = min(1.0, reached + step)
             goal = _between(start, target, trial)
-            self._path = (*self._path, self._passed(target.driven))[-3:]
+            self._path = (*self._path, self._passed(target.driven))[-PATH:]
             found = self._iterate(goal, (1.0 - trial) * loose)
             if found is not None:
                 self.state = found
@@ -321,9 +349,10 @@ class EquilibriumTracker:
         rows, system, driven = self._rows(), self.system(), target.driven
         prescribed = np.concatenate([target.held, target.rigid])
         held, carried = rows.constraints @ state.multipliers, rows.push @ state.force
-        loose = carried + extra - held - state.gradient
+        gradient = self._closed(state)
+        loose = carried + extra - held - gradient
         # What a Newton step left in balance is not worth the triangular solves.
-        if np.linalg.norm(loose) < BALANCED * np.linalg.norm(state.gradient):
+        if np.linalg.norm(loose) < BALANCED * np.linalg.norm(gradient):
             loose = np.zeros_like(loose)
         step, multipliers = system.solve(loose, prescribed - rows.constraints.T @ state.moved)
         more = np.where(driven, 0.0, target.force - state.force)
@@ -356,11 +385,10 @@ class EquilibriumTracker:
         moved, force, multipliers = np.split(
             vector, np.cumsum([len(state.moved), len(state.force)])
         )
-        moved = self._settled(moved)
-        energy, gradient = self.model.gradient(self.model.start + moved.reshape(-1, 3))
+        energy, gradient, missing = self._balance(self.model.start + moved.reshape(-1, 3))
         if not np.isfinite(energy):
             return state
-        return State(moved, force, multipliers, energy, gradient, np.inf)
+        return State(moved, force, multipliers, energy, gradient, missing, np.inf)
 
     def _iterate(self, target: Target, extra: Array) -> State | None:
         """The state under `target` and dead nodal forces `extra` (N,), or None.
@@ -383,18 +411,20 @@ class EquilibriumTracker:
             if slow and (largest > 2.0 * before or tangents == 0 or self._budget <= 0):
                 self.message = 'the iterations did not converge'
                 return None
-            moved = self._settled(state.moved + step)
+            moved = self._moved(state, step)
             positions = self.model.start + moved.reshape(-1, 3)
-            energy, gradient = self.model.gradient(positions)
+            energy, gradient, missing = self._balance(positions)
             held, carried = rows.constraints @ multipliers, rows.push @ force
             scale = max(
                 float(np.linalg.norm(carried)), float(np.linalg.norm(held)), self._noise_force
             )
-            residual = float(np.linalg.norm(gradient - carried - extra + held)) / scale
+            state = State(moved, force, multipliers, energy, gradient, missing, np.inf)
+            loose = self._closed(state) - carried - extra + held
+            residual = float(np.linalg.norm(loose)) / scale
             if not np.isfinite(residual):
                 self.message = 'the surface folded onto itself'
                 return None
-            state = State(moved, force, multipliers, energy, gradient, residual)
+            state = replace(state, residual=residual)
             if residual < options.residual or largest < options.step * self._wall:
                 return state
             before = largest

@@ -100,6 +100,7 @@ RESULT = np.dtype(
         ('bend_reach', '<f8'),
         ('third_reach', '<f8'),
         ('push_bend', '<f8', MAX_CONTACTS),
+        ('carried', '<f8', 7),
         ('pose', '<f8', 7),
         ('pose_covariance', '<f8', (6, 6)),
         ('message', 'S200'),

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.grasp.reading import outer_feet
+from shell_deform.live.background.carried import carried
 from shell_deform.live.background.condensed import HELD_ROWS, Condensed, ContactRows, contact_rows
 from shell_deform.live.background.contact_tracking import ContactTracker, Touch
 from shell_deform.live.background.energy_density import EnergyDensity
@@ -284,6 +285,7 @@ class LiveSolver:
             record['linear_compliance'][:k, :k] = self._small.compliance
             record['second_order'][:k, :pairs] = self._small.second_order
         placement = self._placement
+        record['carried'] = self._carried().numbers
         record['pose'] = self._pose_in_use.numbers
         record['pose_covariance'] = placement.covariance if placement is not None else 0.0
         note = placement.open_directions if placement is not None and not self.message else ''
@@ -471,6 +473,13 @@ class LiveSolver:
         controls = fields[: 3 * self._size].reshape(self._size, 3 * count)
         limit = self.model.surface.limit_matrix @ controls
         return np.ascontiguousarray(limit.reshape(self._size, 3, count))
+
+    def _carried(self) -> Pose:
+        """Rigid motion of an object that only fingers hold, since it was unloaded."""
+        if self.model.free_modes.shape[1] < MAX_RIGID or not self.contacts.contacts:
+            return IDENTITY
+        surface = self.model.surface.limit_positions(self.tracker.positions)
+        return carried(self.unloaded_surface, surface, self._energy_density.areas)
 
     def _snap_margin(self, compliance: Array) -> float:
         """Smallest contact stiffness over that of the unloaded shell; 0 where it snaps."""

@@ -75,6 +75,7 @@ class Adopted:
         along = np.einsum('ni,ni->n', slot.normals, slot.bend)
         self.worst_bend = float(np.abs(along).max(initial=0.0))
         self.worst_third = float(slot.third.max(initial=0.0))
+        self.carried = pose_of(record['carried'])
         self.pose = pose_of(record['pose'])
         self.pose_root = _root(record['pose_covariance'])
 

@@ -58,7 +58,8 @@ class Served:
 
     Attributes:
         stamp: of the sample [ns]. packed: x y z ux uy uz displacement sigma, perhaps ox oy oz.
-        max_displacement: [m]. linearity: predicted relative error of linear theory [-].
+        max_displacement: of the surface against the undeformed one where fingers have carried that
+            [m]. linearity: predicted relative error of linear theory [-].
         strain_energy: [J]. nonlinear_age: sample stamp minus that of the equilibrium [s].
         snap_margin: contact stiffness over that at rest. contradiction: force against motion.
         suspect: what strains most when they contradict. extrapolation: error estimate of the
@@ -124,6 +125,7 @@ class Estimator:
         `rest_outer` (n, 3): the outer face over them, where that is a field of its own [m].
         """
         self.rest = rest
+        self._carried_rest = rest
         self.rest_normals = rest_normals
         self.settings = settings
         self.pose: Pose | None = None
@@ -154,6 +156,7 @@ class Estimator:
     def adopt(self, slot: Slot) -> None:
         """Take a new result of the background process."""
         self.adopted = Adopted(slot)
+        self._carried_rest = self.adopted.carried.from_object(self.rest)
 
     @property
     def pose_in_use(self) -> Pose:
@@ -226,7 +229,7 @@ class Estimator:
         bend, bend_error, third = adopted.bend(moved)
         pose = self.pose_in_use
         largest = serve(
-            self.rest,
+            self._carried_rest,
             adopted.slot.surface,
             adopted.slot.normals,
             columns,

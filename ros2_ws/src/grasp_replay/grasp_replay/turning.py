@@ -24,6 +24,7 @@ from grasp_replay.errors import BagError
 from grasp_replay.experiment import read_experiment
 from shell_deform.building import build_model, object_contacts
 from shell_deform.contact.friction_share import friction_share
+from shell_deform.live.grip_motion import topic_of, unwrapped
 from shell_deform.objects import ObjectError, load_object
 from shell_deform.solve.equilibrium import Equilibrium, forced, gripped
 from shell_deform.solve.newton import EquilibriumSolver
@@ -35,9 +36,6 @@ MOST_CASES = 30
 """Load cases that are solved; a longer recording is thinned evenly in the turn."""
 
 FINGERS = 3
-
-NO_TURN = 1e-9
-"""Turns below this have no axis [rad]."""
 
 
 @dataclass(frozen=True)
@@ -138,13 +136,7 @@ def _unwrapped(turns: Array) -> Array:
     """Rotation vectors (s, 3) that go on round instead of jumping by a whole turn."""
     result = turns.copy()
     for k in range(1, len(result)):
-        # A whole turn is none: it goes on about the axis of the one before.
-        known = result[k] if np.linalg.norm(result[k]) > NO_TURN else result[k - 1]
-        if np.linalg.norm(known) > NO_TURN:
-            axis = known / np.linalg.norm(known)
-            size = result[k] @ axis
-            rounds = round(float((result[k - 1] @ axis - size) / (2.0 * np.pi)))
-            result[k] += 2.0 * np.pi * rounds * axis
+        result[k] = unwrapped(result[k], result[k - 1])
     return result
 
 
@@ -213,7 +205,7 @@ def solve_turn(path: Path, object_name: str | None = None) -> dict[str, Any]:
 
 def _named(grips: tuple[Grip, ...], name: str) -> Grip:
     for grip in grips:
-        if grip.name == name:
+        if name in (grip.name, topic_of(grip.name)):
             return grip
     known = ', '.join(grip.name for grip in grips) or 'none'
     raise BagError(f'the bag moves a grip {name!r}; the object file has {known}')

@@ -16,6 +16,9 @@ from shell_deform.theory.thin_wall import thick_wall_warning, thickness_over_rad
 
 Array = NDArray[np.float64]
 
+TORN_STRAIN = 1.0
+"""A wall of which a face is stretched to more than twice its length counts as torn."""
+
 SMALL_STRAIN_LIMIT = 0.2
 
 FACE_STEPS = 12

@@ -16,7 +16,7 @@ from shell_deform.commands.console import CommandError
 from shell_deform.contact.friction_share import FrictionShare, friction_share
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
-from shell_deform.readout import principal, read_out
+from shell_deform.readout import TORN_STRAIN, principal, read_out
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, forced, gripped
 from shell_deform.supports.grips import arc_motion, line_of, turned_together
 from shell_deform.surface.frames import lateral_vectors
@@ -24,9 +24,6 @@ from shell_deform.surface.frames import lateral_vectors
 Array = NDArray[np.float64]
 
 WAYS = ('twist', 'bend', 'pull', 'turn')
-
-TORN_STRAIN = 1.0
-"""A wall of which a face is stretched to more than twice its length counts as torn."""
 
 
 @dataclass(frozen=True)

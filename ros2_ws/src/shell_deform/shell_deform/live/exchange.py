@@ -16,12 +16,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.live.grip_motion import AFFINE
+
 Array = NDArray[np.float64]
 
 MAX_CONTACTS = 8
 MAX_RIGID = 6
+MAX_GRIPS = 4
 MAX_INPUTS = 3 * MAX_CONTACTS + MAX_RIGID + 1
 MAX_PAIRS = MAX_CONTACTS * (MAX_CONTACTS + 1) // 2
+MAX_AFFINE = AFFINE * MAX_GRIPS
 SLOTS = 4
 
 DRIVE_FORCE = 0
@@ -54,6 +58,7 @@ REQUEST = np.dtype(
         ('pose', '<f8', 7),
         ('tendon', '<f8'),
         ('rigid', '<f8', MAX_RIGID),
+        ('grip', '<f8', (MAX_GRIPS, 6)),
         ('touch', TOUCH, MAX_CONTACTS),
         ('end', '<i8'),
     ]
@@ -103,6 +108,13 @@ RESULT = np.dtype(
         ('carried', '<f8', 7),
         ('pose', '<f8', 7),
         ('pose_covariance', '<f8', (6, 6)),
+        ('grip', '<f8', (MAX_GRIPS, 6)),
+        ('grip_pose', '<f8', (MAX_GRIPS, 6)),
+        ('grip_wrench', '<f8', (MAX_GRIPS, 6)),
+        ('grip_bend', '<f8'),
+        ('displacement_by_grip', '<f8', (MAX_CONTACTS, MAX_AFFINE)),
+        ('reaction_by_grip', '<f8', (2 * MAX_CONTACTS, MAX_AFFINE)),
+        ('rigid_by_grip', '<f8', (MAX_RIGID, MAX_AFFINE)),
         ('message', 'S200'),
         ('end', '<i8'),
     ]
@@ -113,12 +125,14 @@ RESULT = np.dtype(
 class Layout:
     """Sizes of everything for n vertices and m triangles.
 
-    `outer`: whether the outer face is a field of its own, as that of a thick wall is.
+    `outer`: whether the outer face is a field of its own, as that of a thick wall is. `grips`: how
+    many hold it.
     """
 
     vertices: int
     triangles: int
     outer: bool = False
+    grips: int = 0
 
     @property
     def field(self) -> int:
@@ -128,12 +142,12 @@ class Layout:
     @property
     def static(self) -> int:
         """Bytes of rest surface and triangles."""
-        return _round((2 + self.outer) * self.field + 12 * self.triangles)
+        return _round((2 + self.outer + AFFINE * self.grips) * self.field + 12 * self.triangles)
 
     @property
     def slot(self) -> int:
         """Bytes of one result slot."""
-        fields = 3 + MAX_INPUTS + MAX_CONTACTS + 2 * self.outer
+        fields = 3 + MAX_INPUTS + MAX_CONTACTS + 2 * self.outer + AFFINE * self.grips
         return _round(RESULT.itemsize + fields * self.field + 24 * self.vertices)
 
     @property
@@ -171,6 +185,7 @@ class Slot:
         unmodelled: (n,) sigma of what no shell theory has, beside a pin [m].
         outer: (n, 3) of the outer face over the surface [m]; outer_slope: (n, 3) its change per
             step along `bend_direction` [-]. None where it is half a wall along the normal.
+        grips: (n, 3, 12 g) motions per unit of each number of the grips' `affine`.
     """
 
     record: np.void
@@ -184,6 +199,7 @@ class Slot:
     unmodelled: Array
     outer: Array | None
     outer_slope: Array | None
+    grips: Array
 
     def input_columns(self) -> Array:
         """(n, 3, j) view of the columns in use."""
@@ -213,7 +229,11 @@ class SharedMemory:
         self.rest_outer = (
             self._view('<f8', 2 * layout.field, 3 * n).reshape(n, 3) if layout.outer else None
         )
-        triangles = (2 + layout.outer) * layout.field
+        affine = AFFINE * layout.grips
+        self.rest_grips = self._view(
+            '<f8', (2 + layout.outer) * layout.field, 3 * n * affine
+        ).reshape(n, 3, affine)
+        triangles = (2 + layout.outer + affine) * layout.field
         self.triangles = self._view('<i4', triangles, 3 * m).reshape(m, 3)
         self.control = self._view('<i8', layout.requests, 8)
         self.request = self._view(REQUEST, layout.requests + 64, 1)
@@ -228,24 +248,28 @@ class SharedMemory:
         record = self._view(RESULT, at, 1)[0]
         at += RESULT.itemsize
         parts = []
+        affine = AFFINE * self.layout.grips
         face = [3 * n, 3 * n] * self.layout.outer
-        sizes = (3 * n, 3 * n, 3 * n * MAX_INPUTS, 3 * n * MAX_CONTACTS, 3 * n, n, n, n, *face)
+        columns = (3 * n * MAX_INPUTS, 3 * n * MAX_CONTACTS)
+        sizes = (3 * n, 3 * n, *columns, 3 * n, n, n, n, 3 * n * affine, *face)
         for count in sizes:
             parts.append(self._view('<f8', at, count))
             at += 8 * count
-        surface, normals, columns, linear, bend, third, energy_density, unmodelled = parts[:8]
-        outer = [part.reshape(n, 3) for part in parts[8:]] or (None, None)
+        surface, normals, inputs, linear, bend, third, energy_density, unmodelled = parts[:8]
+        outer = [part.reshape(n, 3) for part in parts[9:]] or (None, None)
         return Slot(
             record,
             surface.reshape(n, 3),
             normals.reshape(n, 3),
-            columns,
+            inputs,
             linear,
             bend.reshape(n, 3),
             third,
             energy_density,
             unmodelled,
-            *outer,
+            outer[0],
+            outer[1],
+            parts[8].reshape(n, 3, affine),
         )
 
     def beat(self) -> None:

@@ -47,22 +47,24 @@ class Pose:
 IDENTITY = Pose(np.eye(3), np.zeros(3))
 
 
-def pose_of(numbers: Array | list[float]) -> Pose:
-    """Pose of x y z qx qy qz qw; raises PoseError for anything else than seven usable numbers."""
+def pose_of(numbers: Array | list[float], what: str = 'object pose') -> Pose:
+    """Pose of x y z qx qy qz qw; raises PoseError for anything else than seven usable numbers.
+
+    `what` it is called in the message.
+    """
     values = np.asarray(numbers, dtype=float)
     if values.shape != (7,) or not np.all(np.isfinite(values)):
         raise PoseError(
-            f'object pose is {values.tolist()}; seven finite numbers x y z [m] qx qy qz qw are '
-            'needed'
+            f'{what} is {values.tolist()}; seven finite numbers x y z [m] qx qy qz qw are needed'
         )
     if np.abs(values[:3]).max() > FARTHEST:
         raise PoseError(
-            f'object pose is {values[:3].tolist()} m away; within {FARTHEST:g} m is allowed'
+            f'{what} is {values[:3].tolist()} m away; within {FARTHEST:g} m is allowed'
         )
     length = float(np.linalg.norm(values[3:]))
     if abs(length - 1.0) > 1e-2:
         raise PoseError(
-            f'the quaternion of the object pose has length {length:.4g}; give a unit quaternion'
+            f'the quaternion of the {what} has length {length:.4g}; give a unit quaternion'
         )
     x, y, z, w = values[3:] / length
     rotation = np.array(

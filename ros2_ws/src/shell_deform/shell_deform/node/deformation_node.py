@@ -7,6 +7,7 @@ import gc
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
@@ -47,9 +48,11 @@ from shell_deform.live.tick.sample import (
     SampleError,
     check,
     check_served,
+    no_contacts,
 )
-from shell_deform.live.tick.states import Watch
+from shell_deform.live.tick.states import LiveState, Watch
 from shell_deform.node import messages, parameters
+from shell_deform.node.grips_node import GripTopics
 from shell_deform.node.topics_node import DeformationTopics
 from shell_deform.objects import load_object
 
@@ -94,6 +97,8 @@ class DeformationNode(Node):
         self._reader = ContactReader()
         self._topics = DeformationTopics(self)
         self._grasp = GraspTick()
+        self._grips = GripTopics(self, self._grip_moved)
+        self._touching: ContactSample | None = None
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._silence = self.create_timer(self.watch.deadline, self._listen, clock=steady)
         self._marker_timer = self.create_timer(MARKER_PERIOD_S, self._show_marker, clock=steady)
@@ -186,9 +191,30 @@ class DeformationNode(Node):
         self._use_frame(message.header.frame_id)
         state = self.watch.sample(sample, now)
         self._topics.state(state)
-        estimator = self.estimator
+        estimator, self._touching = self.estimator, sample
         if estimator is None or not state.is_served:
             return
+        if self._serve(estimator, sample, sample.stamp, now):
+            figures.ticks.add(time.perf_counter() - began)
+            figures.answers.add(1e-9 * (time.time_ns() - info['source_timestamp']))
+
+    def _grip_moved(self, number: int, pose: Pose, stamp: int, frame: str) -> None:
+        """A grip is somewhere else: answer its pose, with what touches as it was seen last."""
+        estimator, now = self.estimator, time.monotonic()
+        if estimator is None or estimator.grips is None:
+            return
+        if self._other_frame(frame, f'the pose of grip {estimator.grips.plan.names[number]}'):
+            return
+        estimator.grips.take(number, pose, self._given_pose or estimator.pose_in_use)
+        state = self.watch.look(now, self._somebody_publishes)
+        if state is LiveState.NO_HAND:
+            self._touching, self._frame = None, self._given_frame or frame
+        elif not state.is_served:
+            return
+        self._serve(estimator, self._touching or no_contacts(stamp), stamp, now)
+
+    def _serve(self, estimator: Estimator, sample: ContactSample, stamp: int, now: float) -> bool:
+        """Answer `sample` under `stamp` [ns]; False where it cannot be used."""
         estimator.pose = self._given_pose
         try:
             served, new_result = self._answer(estimator, sample)
@@ -196,16 +222,16 @@ class DeformationNode(Node):
         except (SampleError, ArithmeticError, LookupError, ValueError) as error:
             # Whatever a sample does to the numbers, the next one finds the node as it was.
             self._refuse(error, now)
-            return
+            return False
+        served = replace(served, stamp=stamp)
         self._topics.answer(served.answer)
         self._topics.cloud('surface', served.packed, served.stamp, self._frame)
-        figures.ticks.add(time.perf_counter() - began)
-        figures.answers.add(1e-9 * (time.time_ns() - info['source_timestamp']))
         self.served = served
         self._post(estimator)
         self._publish_more(estimator, served, new_result)
-        if not figures.first_surface:
-            figures.first_surface = process_age()
+        if not self.figures.first_surface:
+            self.figures.first_surface = process_age()
+        return True
 
     def _refuse(self, error: Exception, now: float) -> None:
         """Say why a sample is not used: log, diagnostics, state."""
@@ -223,13 +249,13 @@ class DeformationNode(Node):
         if self._topic_pose is not None and self._other_frame(self._pose_frame):
             self._topic_pose = None
 
-    def _other_frame(self, pose_frame: str) -> bool:
+    def _other_frame(self, pose_frame: str, what: str = 'object_pose') -> bool:
         """Whether a pose is given in another frame than the contacts; says so."""
         ours = self._contacts_frame
         if not pose_frame or not ours or pose_frame == ours:
             return False
         self.get_logger().error(
-            f'object_pose is given in frame {pose_frame!r}, the contacts in {ours!r}: not used; '
+            f'{what} is given in frame {pose_frame!r}, the contacts in {ours!r}: not used; '
             'publish it in the frame of the contacts',
             throttle_duration_sec=5.0,
         )
@@ -275,6 +301,8 @@ class DeformationNode(Node):
     def _publish_more(self, estimator: Estimator, served: Served, new_result: bool) -> None:
         topics = self._topics
         topics.numbers(served)
+        if new_result and estimator.adopted is not None:
+            self._grips.answer(estimator.adopted, estimator.pose_in_use, self._frame)
         if topics.wanted('linear'):
             topics.cloud('linear', estimator.linear(), served.stamp, self._frame)
         if new_result and topics.wanted('nonlinear'):
@@ -360,10 +388,15 @@ class DeformationNode(Node):
         memory = self.link.worker.memory
         assert memory is not None
         previous = self.estimator
+        plan = self.link.worker.plan
         self.estimator = Estimator(
-            memory.rest, memory.rest_normals, self._settings, memory.rest_outer
-        )
+            memory.rest, memory.rest_normals, self._settings, memory.rest_outer,
+            (plan, memory.rest_grips) if plan.names else None,
+        )  # fmt: skip
         self.estimator.pose = self._given_pose
+        self._grips.take(plan)
+        if previous is not None and self.estimator.grips is not None:
+            self.estimator.grips.goes_on_from(previous.grips)
         if previous is not None and previous.rest.shape == memory.rest.shape:
             # The same shell again after a restart: its last good state is still the best known.
             self.estimator.adopted = previous.adopted
@@ -396,7 +429,13 @@ class DeformationNode(Node):
         self.link.promote()
         memory = self.link.worker.memory
         assert memory is not None and self.estimator is not None
-        changed = Estimator(memory.rest, memory.rest_normals, self._settings, memory.rest_outer)
+        grips = self.estimator.grips
+        changed = Estimator(
+            memory.rest, memory.rest_normals, self._settings, memory.rest_outer,
+            None if grips is None else (self.link.worker.plan, memory.rest_grips),
+        )  # fmt: skip
+        if changed.grips is not None:
+            changed.grips.goes_on_from(grips)
         changed.pose, changed.first_touch = self.estimator.pose, first
         changed.sample, changed.hold = self.estimator.sample, self.estimator.hold
         changed.adopt(slot)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from array import array
 
 import numpy as np
-from geometry_msgs.msg import Point, PoseStamped
+from geometry_msgs.msg import Point, PoseStamped, WrenchStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh, MeshTriangle
@@ -35,10 +35,18 @@ CIVIDIS = np.array(
 )
 
 
-def read_pose(message: PoseStamped) -> Pose:
+def read_pose(message: PoseStamped, what: str = 'object pose') -> Pose:
     """Pose of a message; raises PoseError for numbers that are none."""
     p, q = message.pose.position, message.pose.orientation
-    return pose_of([p.x, p.y, p.z, q.x, q.y, q.z, q.w])
+    return pose_of([p.x, p.y, p.z, q.x, q.y, q.z, q.w], what)
+
+
+def wrench_message(wrench: Array, stamp_ns: int, frame: str) -> WrenchStamped:
+    """Force [N] and torque [N m] of `wrench` (6,)."""
+    message = WrenchStamped(header=header(stamp_ns, frame))
+    force, torque = message.wrench.force, message.wrench.torque
+    force.x, force.y, force.z, torque.x, torque.y, torque.z = (float(one) for one in wrench)
+    return message
 
 
 class SurfaceWriter:

@@ -18,7 +18,7 @@ from shell_deform.solve.continuation import carried_on
 from shell_deform.solve.equilibrium import End, Equilibrium, LoadCase, PathState
 from shell_deform.solve.newton_step import NewtonOptions, StepSolver
 from shell_deform.solve.prediction import StepLoads, control_of, predicted
-from shell_deform.supports.grips import carried_as_one
+from shell_deform.supports.grips import carried_as_one, poses_and_wrenches
 from shell_deform.theory import is_linear
 
 __all__ = ['EquilibriumSolver', 'NewtonOptions']
@@ -202,10 +202,9 @@ class EquilibriumSolver(StepSolver):
             carried = carried - grip.load(force)
         held = (edge.held @ state.multipliers)[: carried.size].reshape(-1, 3)
         reaction = model.wall_force(state.unknowns)[: len(carried)] - carried + held
-        poses, wrenches = np.empty_like(motions), np.empty_like(motions)
-        for k, grip in enumerate(model.grips):
-            poses[k] = grip.shifted(model.rest, state.positions, motions[k])
-            wrenches[k] = grip.wrench(reaction, state.positions, poses[k])
+        poses, wrenches = poses_and_wrenches(
+            model.grips, model.rest, state.positions, reaction, motions
+        )
         return replace(state, unbalance=unbalance, grip_pose=poses, grip_wrench=wrenches)
 
     def negative_modes(self, edge: Borders, state: Equilibrium) -> int:

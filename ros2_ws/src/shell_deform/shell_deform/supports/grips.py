@@ -65,6 +65,15 @@ class Grip:
         """(k,) where its conditions are moved to by `motion` (6,): shift [m], turn [rad]."""
         return self.rows.motion(carried(rest, self.origin, motion) - rest)
 
+    def affine_targets(self, rest: Array) -> Array:
+        """(k, 12) `target` per number of `live.grip_motion.affine`: linear in them at any turn."""
+        columns = []
+        for axis in np.eye(3):
+            for arm in (rest - self.origin).T:
+                columns.append(self.rows.motion(arm[:, None] * axis))
+        columns.extend(self.rows.motion(np.broadcast_to(axis, rest.shape)) for axis in np.eye(3))
+        return np.stack(columns, axis=1)
+
     def shifted(self, rest: Array, positions: Array, motion: Array) -> Array:
         """(6,) `motion` with the shift along the free axes at control points (n, 3)."""
         if not len(self.free):
@@ -187,6 +196,20 @@ def between(first: Array, last: Array, fraction: float) -> Array:
         way = (Rotation.from_rotvec(there) * start.inv()).as_rotvec()
         result[k, 3:] = (Rotation.from_rotvec(fraction * way) * start).as_rotvec()
     return result
+
+
+def poses_and_wrenches(
+    grips: Sequence[Grip], rest: Array, positions: Array, reaction: Array, motions: Array
+) -> tuple[Array, Array]:
+    """(g, 6) where grips of these `motions` (g, 6) are, with what is free, and what they do.
+
+    `rest`, `positions` (n, 3): control points [m]. `reaction` and the result as in `Grip.wrench`.
+    """
+    poses, wrenches = np.empty_like(motions), np.empty_like(motions)
+    for k, held_by in enumerate(grips):
+        poses[k] = held_by.shifted(rest, positions, motions[k])
+        wrenches[k] = held_by.wrench(reaction, positions, poses[k])
+    return poses, wrenches
 
 
 def carried_as_one(

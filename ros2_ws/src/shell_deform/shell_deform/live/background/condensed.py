@@ -99,15 +99,30 @@ class Condensed:
 
 
 @dataclass(frozen=True)
+class GripColumns:
+    """The same for the numbers of `live.grip_motion.affine`, grip after grip: 12 g columns.
+
+    They are linear in where the grips have their conditions for turns of any size.
+    """
+
+    fields: Array
+    displacement: Array
+    reaction: Array
+    rigid_reaction: Array
+
+
+@dataclass(frozen=True)
 class SprungFactor:
     """A factorised stiffness with springs [N/m] on a few dofs, which make a free body's regular.
 
-    The springs are taken back exactly where the factor is used.
+    The springs are taken back exactly where the factor is used, and with them what the stiffness
+    has too much where a grip may shift: `floated` (N, f), see `ShellModel.floated`.
     """
 
     factor: Factor
     springs: NDArray[np.int64]
     stiffness: float
+    floated: Array
 
 
 def factorise_sprung(solver: EquilibriumSolver, tangent: Tangent) -> SprungFactor:
@@ -115,13 +130,13 @@ def factorise_sprung(solver: EquilibriumSolver, tangent: Tangent) -> SprungFacto
     springs = solver.model.springs
     matrix = tangent.stiffness
     if not len(springs):
-        return SprungFactor(solver.factor(matrix), springs, 0.0)
+        return SprungFactor(solver.factor(matrix), springs, 0.0, solver.model.floated)
     matrix = csr_matrix_of(matrix.data.copy(), matrix.indices, matrix.indptr)
     diagonal = matrix.diagonal()
     stiffness = float(np.median(diagonal[diagonal > 0]))
     for dof in springs:
         matrix.data[diagonal_entry(matrix, int(dof))] += stiffness
-    return SprungFactor(solver.factor(matrix), springs, stiffness)
+    return SprungFactor(solver.factor(matrix), springs, stiffness, solver.model.floated)
 
 
 class CondensedSystem:
@@ -134,13 +149,18 @@ class CondensedSystem:
         updates = np.zeros((size, len(springs) + 1))
         updates[springs, np.arange(len(springs))] = 1.0
         updates[:, -1] = tangent.gas_row
+        floats = sprung.floated.shape[1]
         elastic = tangent.gradient + tangent.gas_pressure * tangent.gas_row
         self._bordered = BorderedFactor(
             sprung.factor,
             borders=rows.constraints,
-            update_vectors=updates,
-            update_coefficients=np.append(
-                np.full(len(springs), -sprung.stiffness), tangent.gas_stiffness
+            update_vectors=np.concatenate([updates, sprung.floated], axis=1),
+            update_coefficients=np.concatenate(
+                [
+                    np.full(len(springs), -sprung.stiffness),
+                    [tangent.gas_stiffness],
+                    np.full(floats, -1.0),
+                ]
             ),
             loads=np.concatenate([rows.push, -elastic[:, None]], axis=1),
         )
@@ -195,4 +215,29 @@ class CondensedSystem:
             displacement=rows.measure.T @ fields,
             reaction=-multipliers[rows.lateral_columns],
             rigid_reaction=-multipliers[HELD_ROWS * count :],
+        )
+
+    def grip_columns(self, model: ShellModel) -> GripColumns:
+        """What the grips of `model` do to all this."""
+        rows, held = self.rows, model.held
+        assert held is not None
+        still = 0 if model.supports is None else len(model.supports.stiffness)
+        count = sum(len(grip.rows.stiffness) for grip in model.grips)
+        targets = np.zeros((still + count, 12 * len(model.grips)))
+        for number, grip in enumerate(model.grips):
+            size = len(grip.rows.stiffness)
+            targets[still : still + size, 12 * number : 12 * number + 12] = grip.affine_targets(
+                model.rest
+            )
+            still += size
+        nowhere = np.zeros_like(model.start)
+        loads = np.stack([-held.force(nowhere, t).reshape(-1) for t in targets.T], axis=1)
+        fields, multipliers = self.solve(
+            loads, np.zeros((rows.constraints.shape[1], loads.shape[1]))
+        )
+        return GripColumns(
+            fields=fields,
+            displacement=rows.measure.T @ fields,
+            reaction=-multipliers[rows.lateral_columns],
+            rigid_reaction=-multipliers[HELD_ROWS * rows.contacts :],
         )

@@ -136,10 +136,13 @@ class ContactTracker:
         self.contacts = ()
         self._memory.clear()
 
-    def update(self, touches: tuple[Touch, ...], positions: Array) -> bool:
-        """Take what the fingers report at control `positions` (n, 3); True if patches changed."""
+    def update(self, touches: tuple[Touch, ...], positions: Array, moved: bool = False) -> bool:
+        """Take what the fingers report at control `positions` (n, 3); True if patches changed.
+
+        `moved`: something else than fingers has deformed the shell before they came.
+        """
         known = {contact.finger: contact for contact in self.contacts}
-        at_rest = self._at_rest or not self.contacts
+        at_rest = self._at_rest or not (self.contacts or moved)
         updated, laid = [], []
         for touch in sorted(touches, key=lambda touch: touch.finger):
             old = known.get(touch.finger)

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.live.background.contact_tracking import Touch
+from shell_deform.live.exchange import MAX_GRIPS
 from shell_deform.live.pose import Pose, pose_of
 
 Array = NDArray[np.float64]
@@ -25,6 +26,7 @@ class Load:
         pose: of the object, or None to infer it at first touch.
         stamp: of the sample [ns]. reset: start from the undeformed shell.
         jump: time has jumped: the fingers touch anew, the last equilibrium is only a start.
+        grips: (MAX_GRIPS, 6) motions of the object's grips, in its own frame.
     """
 
     touches: tuple[Touch, ...]
@@ -36,6 +38,7 @@ class Load:
     stamp: int
     reset: bool = False
     jump: bool = False
+    grips: Array = field(default_factory=lambda: np.zeros((MAX_GRIPS, 6)))
 
 
 def load_of(request: np.void, resets: int = 0, jumps: int = 0) -> Load:
@@ -66,4 +69,5 @@ def load_of(request: np.void, resets: int = 0, jumps: int = 0) -> Load:
         stamp=int(request['stamp']),
         reset=int(request['resets']) > resets,
         jump=int(request['jumps']) > jumps,
+        grips=request['grip'].copy(),
     )

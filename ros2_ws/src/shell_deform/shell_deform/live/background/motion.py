@@ -13,11 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.live.background.tracking import Target
+from shell_deform.supports.grips import between
 
 Array = NDArray[np.float64]
 
 SLOWEST = 0.05
 """Steps between two load cases below this share of the wall thickness are not continued."""
+
+SLOWEST_TURN = 1e-4
+"""The same for grips, of a radian and of a metre."""
 
 FARTHEST = 3.0
 """No step is continued by more wall thicknesses."""
@@ -30,13 +34,14 @@ SLOWLY = 0.3
 
 
 class Motion:
-    """Continues the last step of the driven contacts by the duration of a refresh."""
+    """Continues the last step of driven contacts and of grips by the duration of a refresh."""
 
     def __init__(self, wall: float) -> None:
         """`wall` [m]: thickness."""
         self._wall = wall
         self._last: tuple[int, float, Array] | None = None
         self._step = np.zeros(0)
+        self._grips: tuple[float, Array] | None = None
         self._refresh = 0.0
 
     def took(self, seconds: float) -> None:
@@ -47,6 +52,7 @@ class Motion:
 
     def ahead(self, target: Target, generation: int, now: float) -> Target:
         """`target`, of the contacts of `generation`, a refresh later; `now` steady [s]."""
+        target = self._turned(target, now)
         last, before = self._last, self._step
         here = np.where(target.driven, target.displacement, 0.0)
         self._last, self._step = (generation, now, here), np.zeros(0)
@@ -60,3 +66,13 @@ class Motion:
             return target
         share = min(1.0, self._refresh / (now - last[1]), FARTHEST * self._wall / size)
         return replace(target, displacement=target.displacement + share * step)
+
+    def _turned(self, target: Target, now: float) -> Target:
+        """`target` with its grips where they will be."""
+        last, self._grips = self._grips, (now, target.grips)
+        if last is None or not len(target.grips) or not 0.0 < now - last[0] < LONGEST_GAP_S:
+            return target
+        if np.abs(target.grips - last[1]).max() < SLOWEST_TURN:
+            return target
+        share = min(1.0, self._refresh / (now - last[0]))
+        return replace(target, grips=between(last[1], target.grips, 1.0 + share))

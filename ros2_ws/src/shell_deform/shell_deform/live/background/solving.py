@@ -16,6 +16,7 @@ from shell_deform.live.background.carried import carried
 from shell_deform.live.background.condensed import HELD_ROWS, Condensed, ContactRows, contact_rows
 from shell_deform.live.background.contact_tracking import ContactTracker, Touch
 from shell_deform.live.background.energy_density import EnergyDensity
+from shell_deform.live.background.gripping import Gripping
 from shell_deform.live.background.load_case import Load
 from shell_deform.live.background.motion import Motion
 from shell_deform.live.background.outer_field import OuterField, unmodelled
@@ -24,6 +25,7 @@ from shell_deform.live.background.rest_shell import RestShell, largest_curl
 from shell_deform.live.background.small_loads import SmallLoads, small_loads
 from shell_deform.live.background.tracking import EquilibriumTracker, Target, TrackingOptions
 from shell_deform.live.exchange import DRIVE_FORCE, MAX_CONTACTS, MAX_RIGID, Slot
+from shell_deform.live.grip_motion import AFFINE
 from shell_deform.live.pose import IDENTITY, Pose
 from shell_deform.model import ShellModel
 from shell_deform.theory import THICK
@@ -62,6 +64,7 @@ class LiveSolver:
         self.model = model
         self.tracker = EquilibriumTracker(model, options or LIVE)
         self.contacts = ContactTracker(model, model.rest)
+        self._gripping = Gripping(self.tracker) if model.grips else None
         self._wall = float(model.shell.thickness.mean())
         self._energy_density = EnergyDensity(model)
         self._size = len(model.rest)
@@ -87,6 +90,8 @@ class LiveSolver:
         self._feet = outer_feet(model, ())
         self.share = 1.0
         self.seconds = 0.0
+        self.turning = False
+        """Whether the grips of the last load case had moved."""
         self.motion: Motion | None = None
         """Whether to solve ahead of the contacts' motion: in real time alone."""
         self._unload()
@@ -99,6 +104,9 @@ class LiveSolver:
         self.unloaded_surface = model.surface.limit_positions(self.unloaded)
         self.unloaded_normals = model.surface.vertex_normals(self.unloaded)
         self.unloaded_outer = self._face and self.unloaded_surface + self._face.offset()
+        if self._gripping is not None:
+            self._take_grip_columns(self._gripping)
+        self.rest_grips = self._gripping.limit_columns if self._gripping is not None else 0.0
 
     def _unload(self) -> None:
         """Go to equilibrium without contacts: not the given shape where gas is under pressure."""
@@ -129,7 +137,8 @@ class LiveSolver:
         began = time.perf_counter()
         self._load = load
         self._states += 1
-        if load.reset or (not load.touches and self.contacts.contacts):
+        grips = load.grips[: len(self.model.grips)]
+        if load.reset or (not load.touches and self.contacts.contacts and not grips.any()):
             self._let_go()
         elif load.jump:
             # The shape is a start for what follows; who pressed it there is not known any more.
@@ -138,18 +147,27 @@ class LiveSolver:
             self._change_contacts(np.zeros(0))
         pose = self._pose(load)
         touches = tuple(_in_object_frame(touch, pose) for touch in load.touches)
-        if touches:
+        self.turning = not np.array_equal(grips, self.tracker.state.grips)
+        anew = self.turning or self.contacts.contacts or (len(grips) and self.share < 1.0)
+        if touches or anew:
             before = dict(zip(self._fingers(), self._displacements(), strict=True))
             self._lay(touches)
             target = self._target(load, touches, before)
             if self.motion is not None:
                 target = self.motion.ahead(target, self.generation, began)
+            good, lost = self.tracker.state, self.share < 1.0
             self.share = self.tracker.advance(target)
-            if self.share < 1.0 and self.contacts.laid and not self._nearly_at_rest():
+            twice = bool(self.contacts.laid) or (bool(len(grips)) and not lost)
+            if self.share < 1.0 and twice and not self._nearly_at_rest():
                 # A grasp taken up from the shape of another one may lead nowhere: once from rest.
                 self._let_go()
                 self._lay(touches)
                 self.share = self.tracker.advance(self._target(load, touches, {}))
+            if self._gripping is not None and (torn := self._gripping.torn()):
+                self.tracker.message, self.share = torn, 0.0
+                if len(good.moved) == len(self.tracker.state.moved):
+                    self.tracker.state = good
+                    self.tracker.forget_tangent()
         self.seconds = time.perf_counter() - began
 
     def start_over(self) -> None:
@@ -181,7 +199,8 @@ class LiveSolver:
         """Patches for the fingers that touch, with the pushes that are there."""
         pushes = dict(zip(self._fingers(), self.tracker.state.force, strict=True))
         anew = not self.contacts.contacts
-        if self.contacts.update(touches, self.tracker.positions):
+        moved = bool(self.tracker.state.grips.any())
+        if self.contacts.update(touches, self.tracker.positions, moved):
             self._change_contacts(
                 np.array([pushes.get(contact.finger, 0.0) for contact in self.contacts.contacts])
             )
@@ -218,11 +237,20 @@ class LiveSolver:
         self._inputs_at = self._inputs()
         if self._small is not None and not len(self._bend_direction):
             self._bend_from_rest(self._small)
-        if old is not None and old_columns is not None and old_inputs is not None:
+        if self._gripping is not None and self._gripping.left(self.tracker.state.grips):
+            # What bent the way here was no contact's step alone.
+            self._bend_direction = np.zeros(0)
+        elif old is not None and old_columns is not None and old_inputs is not None:
             self._update_bend(old, old_columns, old_state, self._inputs_at - old_inputs)
         elif self._face is not None:
             self._face.refined(0.0)
+        if self._gripping is not None:
+            self._take_grip_columns(self._gripping)
         return True
+
+    def _take_grip_columns(self, gripping: Gripping) -> None:
+        columns = self.tracker.system().grip_columns(self.tracker.model)
+        gripping.take_columns(self._to_limit(columns.fields), columns)
 
     def fill(self, slot: Slot) -> None:
         """Write the present result."""
@@ -289,6 +317,8 @@ class LiveSolver:
         record['pose'] = self._pose_in_use.numbers
         record['pose_covariance'] = placement.covariance if placement is not None else 0.0
         note = placement.open_directions if placement is not None and not self.message else ''
+        if self._gripping is not None:
+            _fill_grips(slot, self._gripping, self.tracker.state.grips, rows)
         record['message'] = (self.message or note).encode()[:200]
         positions = tracker.positions
         slot.surface[:] = self.model.surface.limit_positions(positions)
@@ -403,7 +433,12 @@ class LiveSolver:
             rigid = load.rigid[: len(rigid)]
         held = [contact.held for contact in contacts]
         return Target(
-            force, displacement, here.driven, rigid, np.concatenate(held) if held else np.zeros(0)
+            force,
+            displacement,
+            here.driven,
+            rigid,
+            np.concatenate(held) if held else np.zeros(0),
+            load.grips[: len(self.model.grips)],
         )
 
     def _inputs(self) -> Array:
@@ -494,6 +529,20 @@ def _smallest_stiffness(compliance: Array) -> float:
     if values[0] < 0:
         return 1.0 / float(values[0])
     return 1.0 / float(values[-1])
+
+
+def _fill_grips(slot: Slot, gripping: Gripping, motions: Array, rows: ContactRows) -> None:
+    """Write what the grips do, and what they would do to the rest."""
+    record, columns = slot.record, gripping.columns
+    assert columns is not None
+    g, k, r = len(motions), rows.contacts, rows.left.shape[1]
+    record['grip'][:g] = motions
+    record['grip_pose'][:g], record['grip_wrench'][:g] = gripping.answered()
+    record['grip_bend'] = gripping.bend
+    record['displacement_by_grip'][:k, : AFFINE * g] = columns.displacement
+    record['reaction_by_grip'][: 2 * k, : AFFINE * g] = columns.reaction
+    record['rigid_by_grip'][:r, : AFFINE * g] = columns.rigid_reaction
+    slot.grips[:] = gripping.limit_columns
 
 
 def _in_object_frame(touch: Touch, pose: Pose) -> Touch:

@@ -10,7 +10,7 @@ a part of it is reached.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from shell_deform.model import ShellModel, Tangent
 from shell_deform.solve.equilibrium import PathState
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.solve.prediction import predicted
+from shell_deform.supports.grips import between, carried_as_one
 
 Array = NDArray[np.float64]
 
@@ -39,9 +40,13 @@ BALANCED = 1e-12
 """Unbalanced force, over that of the shell, which is round-off."""
 
 
+def _no_grips() -> Array:
+    return np.zeros((0, 6))
+
+
 @dataclass(frozen=True)
 class Target:
-    """What is prescribed at the k contacts and the r free rigid motions.
+    """What is prescribed at the k contacts, the r free rigid motions and the g grips.
 
     Attributes:
         force: (k,) push [N], read where the contact is not driven.
@@ -49,6 +54,7 @@ class Target:
         driven: (k,) whether the displacement is prescribed.
         rigid: (r,) amplitudes of the free rigid motions.
         held: (3 k,) lateral motions and spin at which the patches are held.
+        grips: (g, 6) motions of the grips: shift [m], turn [rad].
     """
 
     force: Array
@@ -56,6 +62,7 @@ class Target:
     driven: NDArray[np.bool_]
     rigid: Array
     held: Array
+    grips: Array = field(default_factory=_no_grips)
 
 
 @dataclass(frozen=True)
@@ -66,7 +73,7 @@ class State:
         moved: (N,) displacement of the control points. force: (k,) pushes [N].
         multipliers: (3 k + r,) of the constraints. energy: [J]. gradient: (N,) its derivative [N],
             at these pressures under the pins of a thick wall. missing: (c,) gaps [m^3] under them.
-        residual: unbalanced force relative to the loads.
+        residual: unbalanced force relative to the loads. grips: (g, 6) motions of the grips.
     """
 
     moved: Array
@@ -76,6 +83,7 @@ class State:
     gradient: Array
     missing: Array
     residual: float
+    grips: Array = field(default_factory=_no_grips)
 
 
 @dataclass(frozen=True)
@@ -130,9 +138,10 @@ class EquilibriumTracker:
         """Back to the undeformed state without contacts."""
         self._use(self._bare)
         empty = np.zeros(0)
-        energy, gradient, missing = self._balance(self.model.start)
+        still = np.zeros((len(self.model.grips), 6))
+        energy, gradient, missing = self._balance(self.model.start, still)
         moved = np.zeros(self.model.start.size)
-        self.state = State(moved, empty, empty, energy, gradient, missing, 0.0)
+        self.state = State(moved, empty, empty, energy, gradient, missing, 0.0, still)
         self.rows: ContactRows | None = None
         self._target: Target | None = None
         self._path: tuple[PathState, ...] = ()
@@ -156,7 +165,7 @@ class EquilibriumTracker:
             return
         unknowns = model.shell.continued(self.model.shell, self.unknowns)
         self._use(model)
-        energy, gradient, missing = self._balance(unknowns)
+        energy, gradient, missing = self._balance(unknowns, self.state.grips)
         moved = (unknowns - model.start).reshape(-1)
         self.state = replace(
             self.state, moved=moved, energy=energy, gradient=gradient, missing=missing
@@ -221,22 +230,23 @@ class EquilibriumTracker:
             driven,
             values[split:],
             values[:split],
+            self.state.grips,
         )
 
     def system(self) -> CondensedSystem:
         """The factorised tangent at or near the present state."""
         if self._system is None:
             self._fresh = self._fresh or self._tangent is None
-            self._linearise(self.unknowns)
+            self._linearise(self.unknowns, self.state.grips)
         assert self._system is not None
         return self._system
 
-    def _linearise(self, positions: Array) -> None:
-        """Factorise the tangent at these unknowns, unless one is kept."""
+    def _linearise(self, positions: Array, grips: Array) -> None:
+        """Factorise the tangent at these unknowns and motions of `grips`, unless one is kept."""
         if self._tangent is None or self._factor is None:
             # The old factor goes first: two of them are the largest thing in memory.
             self._factor = self._system = None
-            self._tangent = self.model.tangent(positions)
+            self._tangent = self.model.tangent(positions, self.model.held_target(grips))
             self._pressures = self.model.pressure_equations(positions)
             self._factor = factorise_sprung(self._solver, self._tangent)
             self.factorisations += 1
@@ -253,9 +263,12 @@ class EquilibriumTracker:
             self._polish(self._target)
         return system.condense()
 
-    def _balance(self, unknowns: Array) -> tuple[float, Array, Array]:
-        """Energy [J], gradient (N,) [N] and gaps under pins (c,) [m^3] at all `unknowns`."""
-        energy, gradient = self.model.gradient(unknowns)
+    def _balance(self, unknowns: Array, grips: Array) -> tuple[float, Array, Array]:
+        """Energy [J], gradient (N,) [N] and gaps under pins (c,) [m^3] at all `unknowns`.
+
+        `grips`: (g, 6) their motions.
+        """
+        energy, gradient = self.model.gradient(unknowns, self.model.held_target(grips))
         now = self.model.pressure_equations(unknowns)
         if now is None:
             return energy, gradient, np.zeros(0)
@@ -373,22 +386,62 @@ class EquilibriumTracker:
         state = self.state
         moved = self._rows().measure.T @ state.moved
         vector = np.concatenate([state.moved, state.force, state.multipliers])
-        return PathState(np.where(driven, moved, state.force), vector)
+        control = np.where(driven, moved, state.force)
+        return PathState(np.concatenate([control, state.grips.ravel()]), vector)
 
     def _ahead(self, target: Target, extra: Array) -> State:
-        """Where the path through the last states leads; the present state if it says nothing."""
+        """Where the path through the last states leads; where the grips are if it says nothing."""
         state = self.state
         control = np.where(target.driven, target.displacement, target.force)
-        vector = predicted(self._path, control) if not extra.any() else None
+        control = np.concatenate([control, target.grips.ravel()])
+        along = self._carried_along(target)
+        vector = predicted(self._path, control) if not extra.any() and along is None else None
         if vector is None:
-            return state
+            return state if np.array_equal(state.grips, target.grips) else self._at(target, along)
         moved, force, multipliers = np.split(
             vector, np.cumsum([len(state.moved), len(state.force)])
         )
-        energy, gradient, missing = self._balance(self.model.start + moved.reshape(-1, 3))
+        positions = self.model.start + moved.reshape(-1, 3)
+        energy, gradient, missing = self._balance(positions, target.grips)
         if not np.isfinite(energy):
-            return state
-        return State(moved, force, multipliers, energy, gradient, missing, np.inf)
+            return self._at(target, None)
+        return State(moved, force, multipliers, energy, gradient, missing, np.inf, target.grips)
+
+    def _carried_along(self, target: Target) -> Array | None:
+        """(n, 3) the shell where grips are all that holds it and move as one, or None."""
+        model, state = self.model, self.state
+        thin = len(model.start) == len(model.rest)
+        if model.supports is not None or len(state.force) or not thin:
+            return None
+        return carried_as_one(model.grips, state.grips, target.grips, self.positions)
+
+    def _at(self, target: Target, along: Array | None) -> State:
+        """The present state, or `along` (n, 3), with the grips where `target` has them."""
+        unknowns = self.unknowns
+        if along is not None:
+            # The stiffness turns with it; that of before would say nothing of it.
+            unknowns, self._fresh, self._tangent = along, False, None
+            self._linearise(along, target.grips)
+        energy, gradient, missing = self._balance(unknowns, target.grips)
+        return replace(
+            self.state,
+            moved=(unknowns - self.model.start).reshape(-1),
+            energy=energy,
+            gradient=gradient,
+            missing=missing,
+            grips=target.grips,
+        )
+
+    def _reach(self, target: Target) -> float:
+        """How far the grips carry what they hold [m], and so may a first step."""
+        model, here = self.model, self.state.grips
+        if np.array_equal(here, target.grips):
+            return 0.0
+        ways = [
+            after.target(model.rest, now) - after.target(model.rest, before)
+            for after, now, before in zip(model.grips, target.grips, here, strict=True)
+        ]
+        return (1.0 + len(ways)) * max(float(np.abs(way).max()) for way in ways)
 
     def _iterate(self, target: Target, extra: Array) -> State | None:
         """The state under `target` and dead nodal forces `extra` (N,), or None.
@@ -396,6 +449,7 @@ class EquilibriumTracker:
         Chord iterations on the tangent at hand; where they contract too slowly, a new tangent.
         """
         options, rows, state = self.options, self._rows(), self._ahead(target, extra)
+        reach = self._reach(target)
         before, tangents = np.inf, options.tangents_per_step
         self.contraction = 0.0
         for _ in range(options.iterations):
@@ -403,7 +457,7 @@ class EquilibriumTracker:
             step, multipliers, force = self._step(target, state, extra)
             self.iterations += 1
             largest = float(np.abs(step).max(initial=0.0))
-            if not largest < options.largest_move * self._wall:
+            if not largest < options.largest_move * self._wall + reach:
                 self.message = f'an iteration moved the surface by {1e3 * largest:.1f} mm'
                 return None
             slow = largest > options.contraction * before
@@ -413,12 +467,14 @@ class EquilibriumTracker:
                 return None
             moved = self._moved(state, step)
             positions = self.model.start + moved.reshape(-1, 3)
-            energy, gradient, missing = self._balance(positions)
+            energy, gradient, missing = self._balance(positions, target.grips)
             held, carried = rows.constraints @ multipliers, rows.push @ force
             scale = max(
                 float(np.linalg.norm(carried)), float(np.linalg.norm(held)), self._noise_force
             )
-            state = State(moved, force, multipliers, energy, gradient, missing, np.inf)
+            state = State(
+                moved, force, multipliers, energy, gradient, missing, np.inf, target.grips
+            )
             loose = self._closed(state) - carried - extra + held
             residual = float(np.linalg.norm(loose)) / scale
             if not np.isfinite(residual):
@@ -427,12 +483,12 @@ class EquilibriumTracker:
             state = replace(state, residual=residual)
             if residual < options.residual or largest < options.step * self._wall:
                 return state
-            before = largest
+            before, reach = largest, 0.0
             if slow:
                 tangents -= 1
                 self._budget -= 1
                 self._fresh, self._tangent = False, None
-                self._linearise(positions)
+                self._linearise(positions, target.grips)
                 before = np.inf
         self.message = 'the iterations did not converge'
         return None
@@ -448,4 +504,5 @@ def _between(start: Target, end: Target, share: float) -> Target:
         end.held
         if len(start.held) != len(end.held)
         else start.held + share * (end.held - start.held),
+        between(start.grips, end.grips, share) if len(end.grips) else end.grips,
     )

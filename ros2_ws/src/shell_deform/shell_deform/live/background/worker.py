@@ -50,13 +50,14 @@ def share(solver: LiveSolver) -> tuple[SharedMemory, int]:
     """Shared memory with the surface at rest in it, and its descriptor."""
     mesh = solver.model.shell.mesh
     triangles = mesh.triangles[mesh.active]
-    outer = solver.unloaded_outer
-    layout = Layout(len(solver.model.rest), len(triangles), outer is not None)
+    outer, grips = solver.unloaded_outer, len(solver.model.grips)
+    layout = Layout(len(solver.model.rest), len(triangles), outer is not None, grips)
     memory, descriptor = create(layout)
     memory.rest[:] = solver.unloaded_surface
     memory.rest_normals[:] = solver.unloaded_normals
     if memory.rest_outer is not None:
         memory.rest_outer[:] = outer
+    memory.rest_grips[:] = solver.rest_grips
     memory.triangles[:] = triangles
     return memory, descriptor
 
@@ -114,10 +115,14 @@ class Loop:
             began = time.perf_counter()
             self.solver.take(load)
             self.failure = ''
-            self._publish(answers, fresh=False)
+            turning = self.solver.turning
+            if not turning:
+                # Columns of before the turn would say little about the shell after it.
+                self._publish(answers, fresh=False)
             # Columns can wait while they serve and a newer load case has come.
             newer = int(self.memory.request['begin'][0]) != answers
-            if not (newer and self.solver.columns_serve) and self.solver.refine():
+            wait = newer and self.solver.columns_serve and not turning
+            if (not wait and self.solver.refine()) or turning:
                 self._publish(answers, fresh=True)
             if self.solver.motion is not None:
                 self.solver.motion.took(time.perf_counter() - began)
@@ -177,6 +182,9 @@ def main() -> int:
         'outer': layout.outer,
         'theory': solver.model.theory,
         'thickness': float(solver.model.shell.thickness.mean()),
+        'grips': [grip.name for grip in solver.model.grips],
+        'origins': [grip.origin.tolist() for grip in solver.model.grips],
+        'alone': solver.model.supports is None,
     }
     try:
         socket.send_fds(connection, [json.dumps(hello).encode() + b'\n'], [descriptor])

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from shell_deform.live.background.rest_shell import RestShell, unpacked
 from shell_deform.live.background.watchdog import Watchdog
 from shell_deform.live.exchange import REQUEST, Layout, SharedMemory, Slot
+from shell_deform.live.grip_motion import GripPlan
 
 Array = NDArray[np.float64]
 
@@ -70,6 +71,7 @@ class WorkerProcess:
         self.memory: SharedMemory | None = None
         self.thickness = 0.0
         self.theory = ''
+        self.plan = GripPlan((), np.zeros((0, 3)), False)
         """The one taken: `auto` is none."""
         self._has_rest = False
         self._sequence = 0
@@ -124,7 +126,9 @@ class WorkerProcess:
         hello = json.loads(line)
         if 'error' in hello:
             raise WorkerError(str(hello['error']))
-        layout = Layout(hello['vertices'], hello['triangles'], hello['outer'])
+        origins = np.array(hello['origins'], float).reshape(-1, 3)
+        self.plan = GripPlan(tuple(hello['grips']), origins, bool(hello['alone']))
+        layout = Layout(hello['vertices'], hello['triangles'], hello['outer'], len(origins))
         self.memory = SharedMemory(descriptors[0], layout)
         self.theory = str(hello['theory'])
         self.thickness = float(hello['thickness'])

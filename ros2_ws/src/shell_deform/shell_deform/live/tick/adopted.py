@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from shell_deform.live.background.contact_tracking import LONGEST_SLIDE, SHORTEST_JUMP
 from shell_deform.live.exchange import Slot
+from shell_deform.live.grip_motion import AFFINE, GripPoses, followed
 from shell_deform.live.pose import Pose, pose_of
 from shell_deform.live.tick.at_rest import AtRest
 from shell_deform.live.tick.fusion_types import Measured, Response
@@ -58,6 +59,22 @@ class Adopted:
         self.snap_margin = float(record['snap_margin'])
         self.message = bytes(record['message']).decode(errors='replace')
         self.columns = slot.input_columns()
+        self.surface, self.normals = slot.surface, slot.normals
+        self.turn = np.eye(3)
+        self.doubt = 0.0
+        """What following the grips may have made wrong [m]."""
+        g = slot.grips.shape[2] // AFFINE
+        self.grips = record['grip'][:g].copy()
+        self.grip_pose = record['grip_pose'][:g].copy()
+        self.grip_wrench = record['grip_wrench'][:g].copy()
+        self._bend_by_grips = float(record['grip_bend'])
+        self._reached = self.grips
+        self._still = self.response
+        self._by_grips = (
+            record['displacement_by_grip'][:k, : AFFINE * g].copy(),
+            record['reaction_by_grip'][: 2 * k, : AFFINE * g].copy(),
+            record['rigid_by_grip'][:r, : AFFINE * g].copy(),
+        )
         self.at_rest = AtRest(
             self.fingers,
             record['linear_compliance'][:k, :k].copy(),
@@ -83,6 +100,26 @@ class Adopted:
     def coarseness(self) -> Array:
         """(k,) relative stiffness error of the mesh under each contact."""
         return self.at_rest.coarseness
+
+    def follow(self, poses: GripPoses) -> None:
+        """Go with the grips to where they are now: surface and response, by their columns."""
+        if np.array_equal(poses.motion, self._reached):
+            return
+        self._reached = poses.motion
+        size = float(np.ptp(self.slot.surface, axis=0).max())
+        alone = not len(self.fingers)
+        way = followed(poses.plan, self.grips, poses.motion, size, alone)
+        self.surface = way.carried(self.slot.surface + self.slot.grips @ way.inputs)
+        self.turn = way.turn
+        self.normals = np.ascontiguousarray(self.slot.normals @ way.turn.T)
+        self.doubt = self._bend_by_grips * way.step**2
+        displacement_by, reaction_by, rigid_by = self._by_grips
+        still = self._still
+        self.response = still._replace(
+            displacement=still.displacement + displacement_by @ way.inputs,
+            reaction=still.reaction + reaction_by @ way.inputs,
+            rigid_reaction=still.rigid_reaction + rigid_by @ way.inputs,
+        )
 
     def knows(self, sample: ContactSample, pose: Pose) -> NDArray[np.bool_]:
         """(p,) rows of a sample, one per finger, that press one of these contacts.
@@ -127,7 +164,7 @@ class Adopted:
             return None
         reach = BEND_REACH * self.bend_reach
         along = float(self.bend_direction @ moved)
-        return outer + min(max(along, -reach), reach) * slope
+        return (outer + min(max(along, -reach), reach) * slope) @ self.turn.T
 
     def missed(self, moved: Array) -> float:
         """Error estimate [m], at the worst vertex, of the step of the contacts by `moved` (k,)."""

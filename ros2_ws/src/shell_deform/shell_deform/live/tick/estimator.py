@@ -16,6 +16,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from shell_deform.live.exchange import Slot
+from shell_deform.live.grip_motion import GripPlan, GripPoses, affine
 from shell_deform.live.pose import IDENTITY, Pose
 from shell_deform.live.tick.adopted import Adopted
 from shell_deform.live.tick.at_rest import AtRest
@@ -65,6 +66,7 @@ class Served:
         suspect: what strains most when they contradict. extrapolation: error estimate of the
             linear step at the worst vertex [m]. force, displacement: (k,) of the known contacts.
         unknown: fingers in contact that the background process has not taken up yet.
+        gripped: whether grips alone are what an equilibrium is known of.
     """
 
     stamp: int
@@ -80,6 +82,7 @@ class Served:
     force: Array
     displacement: Array
     unknown: tuple[int, ...]
+    gripped: bool = False
 
     @property
     def taking_up(self) -> bool:
@@ -91,7 +94,7 @@ class Served:
         """What kind of answer this is, in words."""
         if self.taking_up:
             return 'taking up'
-        return 'nonlinear' if len(self.force) else 'at rest'
+        return 'nonlinear' if len(self.force) or self.gripped else 'at rest'
 
 
 @dataclass(frozen=True)
@@ -119,10 +122,12 @@ class Estimator:
         rest_normals: Array,
         settings: Settings,
         rest_outer: Array | None = None,
+        grips: tuple[GripPlan, Array] | None = None,
     ) -> None:
         """`rest` (n, 3) unloaded limit positions [m] with unit normals.
 
         `rest_outer` (n, 3): the outer face over them, where that is a field of its own [m].
+        `grips`: which there are, and (n, 3, 12 g) what they do to the surface at rest.
         """
         self.rest = rest
         self._carried_rest = rest
@@ -135,6 +140,8 @@ class Estimator:
         self.sample: ContactSample | None = None
         self.first_touch: FirstTouch | None = None
         self.hold: ForceMemory | None = None
+        self.grips = None if grips is None else GripPoses(grips[0])
+        self._rest_grips = np.zeros((len(rest), 3, 0)) if grips is None else grips[1]
         self._linear: tuple[AtRest, Array, Array] | None = None
         n = len(rest)
         self._rest_offset = None if rest_outer is None else rest_outer - rest
@@ -177,16 +184,19 @@ class Estimator:
             merged = self.hold.elastic(merged)
         merged = pressing(merged, self.settings.errors)
         self.sample = merged
+        if self.adopted is not None and self.grips is not None:
+            self.adopted.follow(self.grips)
         self._linear = None
         if not len(merged.finger):
             if self.first_touch is not None:
                 self.first_touch.forget()
             return self._serve_rest(merged)
         adopted = self.adopted
+        away = self.grips is not None and self.grips.away
         known = np.zeros(len(merged.finger), bool)
         if adopted is not None:
             known = adopted.knows(merged, self.pose_in_use)
-        first = self._first(merged) if not known.all() else None
+        first = self._first(merged) if not (known.all() or away) else None
         if adopted is None or not known.any():
             if first is None:
                 return self._serve_rest(merged)
@@ -197,7 +207,7 @@ class Estimator:
         measured = self._measured(response, adopted.fingers, pressed)
         now = measured_displacement(response, measured)
         better = FIRMLY * adopted.missed(now - response.displacement)
-        if adopted.at_rest.error(now) < better:
+        if not away and adopted.at_rest.error(now) < better:
             age = 1e-9 * (sample.stamp - adopted.stamp)
             return self._serve_from_rest(adopted.at_rest, pressed, age, unknown)
         errors = self.settings.errors.on_mesh(adopted.coarseness)
@@ -230,8 +240,8 @@ class Estimator:
         pose = self.pose_in_use
         largest = serve(
             self._carried_rest,
-            adopted.slot.surface,
-            adopted.slot.normals,
+            adopted.surface,
+            adopted.normals,
             columns,
             inputs,
             root,
@@ -240,7 +250,7 @@ class Estimator:
             bend_error,
             adopted.slot.third,
             third,
-            joined.doubt,
+            joined.doubt + adopted.doubt,
             adopted.slot.unmodelled,
             pose.rotation,
             pose.translation,
@@ -265,7 +275,8 @@ class Estimator:
             suspect=posterior.suspect,
             extrapolation=adopted.worst_bend * bend_error
             + adopted.worst_third * third
-            + joined.doubt,
+            + joined.doubt
+            + adopted.doubt,
             force=force,
             displacement=displacement,
             unknown=joined.fingers,
@@ -312,7 +323,7 @@ class Estimator:
             self._pack_rest(self._packed_linear)
         else:
             at_rest, push, root = self._linear
-            self._pack(self._packed_linear, self.rest, at_rest.columns, push, root)
+            self._pack(self._packed_linear, self._linear_rest, at_rest.columns, push, root)
         return self._packed_linear
 
     def nonlinear(self) -> NDArray[np.float32] | None:
@@ -339,6 +350,8 @@ class Estimator:
             record, self.sample, errors.drive, errors.tendon, self.pose, self.adopted,
             self.posterior,
         )  # fmt: skip
+        if self.grips is not None:
+            record['grip'][: len(self.grips.motion)] = self.grips.motion
 
     def _measured(
         self, response: Response, fingers: NDArray[np.int64], sample: ContactSample
@@ -368,11 +381,54 @@ class Estimator:
         self.posterior = self.measured = None
         unknown = tuple(sample.finger.tolist())
         doubt = _doubt(sample, unknown)
+        if self.grips is not None and self.grips.away:
+            return self._serve_gripped(sample, self.grips, unknown, doubt)
         self._pack_rest(self._packed, doubt)
         empty = np.zeros(0)
         return Served(
             sample.stamp, self._packed, 0.0, 0.0, 0.0, math.nan if unknown else 0.0, 1.0, 0.0, '',
             doubt, empty, empty, unknown,
+        )  # fmt: skip
+
+    @property
+    def _linear_rest(self) -> Array:
+        """(n, 3) surface without contacts by linear theory, the grips where they are now."""
+        if self.grips is None or not self.grips.away:
+            return self.rest
+        moved = self._rest_grips @ affine(self.grips.motion).reshape(-1)
+        return np.ascontiguousarray(self.rest + moved)
+
+    def _serve_gripped(
+        self, sample: ContactSample, grips: GripPoses, unknown: tuple[int, ...], doubt: float
+    ) -> Served:
+        """Grips alone have moved the object, or nothing else that is known has."""
+        adopted, linear = self.adopted, self._linear_rest
+        surface, columns, inputs, offset = linear, self._no_columns, np.zeros(1), None
+        age, margin, energy = math.nan, 1.0, 0.0
+        if adopted is not None:
+            surface, margin = adopted.surface, adopted.snap_margin
+            offset = adopted.outer_offset(np.zeros(len(adopted.fingers)))
+            age = 1e-9 * (sample.stamp - adopted.stamp)
+            if len(adopted.fingers):
+                # They have let go, which the background process does not know yet.
+                columns, inputs = adopted.columns, np.zeros(adopted.columns.shape[2])
+                inputs[: len(adopted.fingers)] = -adopted.response.force
+                doubt += float(np.abs(adopted.response.displacement).max())
+            energy = adopted.energy + float(
+                np.sum(adopted.grip_wrench * (grips.motion - adopted.grips))
+            )
+            doubt += adopted.doubt
+        else:
+            doubt += float(np.linalg.norm(linear - self.rest, axis=1).max())
+        root = np.zeros((len(inputs), len(inputs)))
+        largest = self._pack(self._packed, surface, columns, inputs, root, doubt)
+        if offset is not None:
+            serve_outer(offset, self.pose_in_use.rotation, self._packed)
+        missed = float(np.linalg.norm(linear - surface, axis=1).max())
+        empty = np.zeros(0)
+        return Served(
+            sample.stamp, self._packed, largest, missed / max(largest, 1e-12), energy, age, margin,
+            0.0, '', doubt, empty, empty, unknown, adopted is not None,
         )  # fmt: skip
 
     def _serve_from_rest(
@@ -419,7 +475,8 @@ class Estimator:
 
     def _pack_rest(self, packed: NDArray[np.float32], doubt: float = 0.0) -> None:
         """Fill `packed` with the unloaded surface."""
-        self._pack(packed, self.rest, self._no_columns, np.zeros(1), np.zeros((1, 1)), doubt)
+        surface = self.rest if packed is self._packed else self._linear_rest
+        self._pack(packed, surface, self._no_columns, np.zeros(1), np.zeros((1, 1)), doubt)
 
     def _pack(
         self,
@@ -435,7 +492,7 @@ class Estimator:
         at_rest = surface is self.rest or self.adopted is None
         normals, unmodelled = self.rest_normals, self._no_third
         if self.adopted is not None and not at_rest:
-            normals, unmodelled = self.adopted.slot.normals, self.adopted.slot.unmodelled
+            normals, unmodelled = self.adopted.normals, self.adopted.slot.unmodelled
         pose_root = self.adopted.pose_root if self.adopted is not None else np.zeros((6, 0))
         largest = serve(
             self.rest, surface, normals, columns, inputs, np.ascontiguousarray(root),

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from shell_deform.live.background.gripping import plan_of
 from shell_deform.live.background.load_case import load_of
 from shell_deform.live.background.solving import LiveSolver
 from shell_deform.live.background.worker import share
@@ -28,6 +29,7 @@ class Rehearsal:
             self.memory.rest_normals,
             settings or Settings(),
             self.memory.rest_outer,
+            (plan_of(model), self.memory.rest_grips) if model.grips else None,
         )
         self.estimator.pose = IDENTITY
         self.estimator.first_touch = FirstTouch(self.solver.rest_shell())

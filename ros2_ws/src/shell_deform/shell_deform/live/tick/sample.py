@@ -75,6 +75,14 @@ class ContactSample:
         return ContactSample(self.stamp, *(getattr(self, name)[index] for name in COLUMNS))
 
 
+def no_contacts(stamp: int) -> ContactSample:
+    """Nothing touches, at `stamp` [ns]."""
+    none, numbers, rows = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 3))
+    return ContactSample(
+        stamp, numbers, numbers, rows, rows, rows, none, none, none, none, none
+    )  # fmt: skip
+
+
 COLUMNS = (
     'finger',
     'flags',

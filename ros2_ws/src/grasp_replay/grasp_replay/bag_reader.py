@@ -64,6 +64,11 @@ def open_bag(path: str | Path) -> Bag:
             'relative_file_paths and compression_mode in metadata.yaml'
         )
     kinds = {file: storage_kind(file) for file in files}
+    if {'mcap', 'sqlite3'} <= set(kinds.values()):
+        raise BagError(
+            f'{path} holds MCAP and SQLite files; give each kind a folder of its own, or the one '
+            'file that is meant'
+        )
     if set(kinds.values()) == {'sqlite3'}:
         bag: Bag = SqliteBag(path, files)
     else:

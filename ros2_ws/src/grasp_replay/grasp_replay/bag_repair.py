@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import yaml
+
+from grasp_common import bounded_yaml
 from grasp_replay.bag_writer import BagWriter
 from grasp_replay.errors import BagError
 from grasp_replay.mcap_blocks import Channel, Damage, Definitions, block_messages, load_block
@@ -19,6 +22,10 @@ LARGEST_ATTACHMENT = 2**28
 PROGRESS_STEP = 1000
 OWN_RECORD = 'rosbag2'
 """The metadata record that a recorder writes about its own file; a new bag gets one of its own."""
+
+
+OWN_REMARKS = ('offered_qos_profiles', 'topic_type_hash')
+"""What the channels of every recorder say; a new bag writes it itself."""
 
 
 @dataclass(frozen=True)
@@ -144,18 +151,21 @@ def recover(
     examination: Examination,
     directory: Path,
     progress: Callable[[float, str], None] | None = None,
+    custom_data: Mapping[str, str] | None = None,
 ) -> Recovered:
     """Write every message of a sound block into the new bag `directory`, and what stands beside.
 
     Topics, QoS, times and sequence numbers stay as they were; messages that were compressed one
-    by one are unpacked. Messages whose topic is not defined anywhere are left out
-    (`Examination.nameless`). The new bag is read back and held against what was found; raises
-    BagError.
+    by one are unpacked; `custom_data` is what metadata.yaml says under that name. Messages whose
+    topic is not defined anywhere are left out (`Examination.nameless`). The new bag is read back
+    and held against what was found; raises BagError.
     """
     written = attachments = records = 0
     left: list[str] = []
-    with BagWriter(directory, custom_data={'recovered_from': _origin(examination)}) as writer:
-        topics: dict[tuple[str, str, bytes, str], int] = {}
+    custom = {**_own_custom_data(examination), **(custom_data or {})}
+    custom['recovered_from'] = _origin(examination)
+    with BagWriter(directory, custom_data=custom) as writer:
+        topics: dict[Hashable, int] = {}
         for file, scan in zip(examination.files, examination.scans, strict=True):
             for message in _sound_messages(file, scan, writer, topics):
                 writer.write(*message)
@@ -175,7 +185,7 @@ def recover(
 
 
 def _sound_messages(
-    file: Path, scan: Scan, writer: BagWriter, topics: dict[tuple[str, str, bytes, str], int]
+    file: Path, scan: Scan, writer: BagWriter, topics: dict[Hashable, int]
 ) -> Iterator[tuple[int, bytes, int, int, int]]:
     """The messages of the sound blocks of one file, as `BagWriter.write` takes them."""
     channels = scan.definitions.channels
@@ -219,19 +229,42 @@ def _copy_attachments(file: Path, scan: Scan, writer: BagWriter, left: list[str]
     return copied
 
 
+def strings_of(table: object) -> dict[str, str]:
+    """The entries of a table from a file that are strings; none of what is no table."""
+    items = table.items() if isinstance(table, dict) else ()
+    return {k: v for k, v in items if isinstance(k, str) and isinstance(v, str)}
+
+
+def _own_custom_data(examination: Examination) -> dict[str, str]:
+    """What the recorder's own record in the files says of custom data."""
+    found: dict[str, str] = {}
+    for scan in examination.scans:
+        for name, table in scan.metadata:
+            if name != OWN_RECORD:
+                continue
+            try:
+                document = bounded_yaml.load(table.get('serialized_metadata', ''))
+            except yaml.YAMLError:
+                continue
+            if isinstance(document, dict):
+                found |= strings_of(document.get('custom_data'))
+    return found
+
+
 def _origin(examination: Examination) -> str:
     return ', '.join(file.name for file in examination.files)
 
 
 def _topic_number(
     writer: BagWriter,
-    topics: dict[tuple[str, str, bytes, str], int],
+    topics: dict[Hashable, int],
     channel: Channel,
     definitions: Definitions,
 ) -> int:
     schema = definitions.schemas.get(channel.schema_id)
     name, text, kind = (schema.name, schema.text, schema.encoding) if schema else ('', b'', '')
-    key = (channel.topic, name, text, channel.encoding)
+    remarks = {key: said for key, said in channel.metadata.items() if key not in OWN_REMARKS}
+    key = (channel.topic, name, text, channel.encoding, tuple(sorted(remarks.items())))
     if key not in topics:
         topics[key] = writer.add_topic(
             channel.topic,
@@ -241,5 +274,6 @@ def _topic_number(
             definition_encoding=kind,
             type_hash=channel.metadata.get('topic_type_hash', ''),
             encoding=channel.encoding,
+            remarks=remarks,
         )
     return topics[key]

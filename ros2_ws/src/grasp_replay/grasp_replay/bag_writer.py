@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 from mcap.writer import CompressionType, Writer
 
+from grasp_common import bounded_yaml
 from grasp_replay.errors import BagError
 from grasp_replay.qos import plain_yaml
 from grasp_replay.ros_types import definition_of
@@ -103,11 +104,13 @@ class BagWriter:
         definition_encoding: str = 'ros2msg',
         type_hash: str = '',
         encoding: str = 'cdr',
+        remarks: Mapping[str, str] | None = None,
     ) -> int:
         """Declare a topic and get the number to write its messages with.
 
         `qos` is rosbag2's YAML list of offered profiles (`qos.qos_text` makes one). The definition
-        and the type hash are looked up when no definition is given.
+        and the type hash are looked up when no definition is given. `remarks` are what else its
+        channel says.
         """
         if definition is None:
             definition, known_hash = definition_of(type_name)
@@ -120,7 +123,7 @@ class BagWriter:
             self._schemas[key] = self._writer.register_schema(
                 type_name, definition_encoding if text else '', text
             )
-        metadata = {'offered_qos_profiles': qos}
+        metadata = {**(remarks or {}), 'offered_qos_profiles': qos}
         if type_hash:
             metadata['topic_type_hash'] = type_hash
         number = self._writer.register_channel(name, encoding, self._schemas[key], metadata)
@@ -129,7 +132,7 @@ class BagWriter:
                 'name': name,
                 'type': type_name,
                 'serialization_format': encoding,
-                'offered_qos_profiles': (yaml.safe_load(qos) or []) if qos else [],
+                'offered_qos_profiles': _profiles(qos),
                 'type_description_hash': type_hash,
             },
             'message_count': 0,
@@ -258,6 +261,15 @@ class BagWriter:
 
     def __exit__(self, *_exception: object) -> None:
         self.close()
+
+
+def _profiles(qos: str) -> list[Any]:
+    """Offered profiles as metadata.yaml has them; none of a text that is no list in YAML."""
+    try:
+        found = bounded_yaml.load(qos) if qos else []
+    except yaml.YAMLError:
+        return []
+    return found if isinstance(found, list) else []
 
 
 class _Output:

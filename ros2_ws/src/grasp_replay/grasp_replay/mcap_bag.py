@@ -99,7 +99,7 @@ class McapBag(Bag):
     def _find_schemas(stream: BinaryIO, summary: Summary) -> None:
         """Take from the chunks the types that a summary does not repeat."""
         for block in summary.blocks:
-            if not summary.definitions.lacks_schemas:
+            if not summary.definitions.untyped_topics:
                 return
             found = Definitions()
             block_messages(load_block(stream, block), found)

@@ -145,12 +145,13 @@ class Definitions:
         return contradiction
 
     @property
-    def lacks_schemas(self) -> bool:
-        """Does a channel name a type that is not defined here?"""
-        return any(
-            channel.schema_id and channel.schema_id not in self.schemas
+    def untyped_topics(self) -> list[str]:
+        """Topics of channels that name a type which is not defined here."""
+        return [
+            channel.topic
             for channel in self.channels.values()
-        )
+            if channel.schema_id and channel.schema_id not in self.schemas
+        ]
 
 
 class Fields:

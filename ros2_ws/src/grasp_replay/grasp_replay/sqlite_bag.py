@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Callable, Collection, Iterator
+from contextlib import closing
 from heapq import merge
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,8 @@ from rosbags.rosbag2.metadata import dump_qos_v9
 
 from grasp_replay.bag import Bag, Message, Topic
 from grasp_replay.errors import BagError
+
+SAVE = 'save what is sound of a damaged file with `sqlite3 FILE .recover`'
 
 
 class SqliteBag(Bag):
@@ -38,9 +42,15 @@ class SqliteBag(Bag):
         self.end = max((end for _, end in spans), default=0)
 
     def _open(self, file: Path) -> None:
+        _refuse_unclosed(file)
         reader = self._guard(lambda: Reader(file))
         self._guard(reader.open)
         self._readers.append(reader)
+        orphans = self._guard(lambda: _orphans(file))
+        if orphans:
+            self.notes.append(
+                f'{orphans} messages of {file.name} belong to no topic of it and are left out'
+            )
         for item in reader.connections:
             self._add_topic(
                 Topic(
@@ -59,7 +69,8 @@ class SqliteBag(Bag):
         try:
             return action()
         except Exception as error:  # rosbags and apsw errors share no base class
-            raise BagError(f'{self.path} cannot be read: {error}') from error
+            way_out = f'; {SAVE}' if 'malformed' in str(error) else ''
+            raise BagError(f'{self.path} cannot be read: {error}{way_out}') from error
 
     def _stored(
         self, topics: Collection[str] | None, start: int | None, stop: int | None
@@ -77,12 +88,36 @@ class SqliteBag(Bag):
         end = object()
         while (item := self._guard(lambda: next(source, end))) is not end:
             connection, time, data = item
-            yield Message(connection.topic, bytes(data), time, time, 0)
+            if not isinstance(data, bytes):
+                raise BagError(
+                    f'{self.path}: topic {connection.topic} at {time} ns: the database holds '
+                    f'{"nothing" if data is None else type(data).__name__} in place of the bytes '
+                    f'of a message; {SAVE}'
+                )
+            yield Message(connection.topic, data, time, time, 0)
 
     def close(self) -> None:
         """Close the files."""
         for reader in self._readers:
             reader.close()
+
+
+def _refuse_unclosed(file: Path) -> None:
+    """Raise BagError where messages stand beside the file, in the log of a recorder that died."""
+    for ending in ('-wal', '-journal'):
+        log = file.with_name(file.name + ending)
+        if log.is_file() and log.stat().st_size:
+            raise BagError(
+                f'{file} was not closed: {log.name} holds messages that are not in it yet; merge '
+                f'them (on a copy of both): `sqlite3 {file.name} "PRAGMA journal_mode=DELETE"`'
+            )
+
+
+def _orphans(file: Path) -> int:
+    """How many messages name a topic that the file does not have."""
+    with closing(sqlite3.connect(f'{file.resolve().as_uri()}?immutable=1', uri=True)) as base:
+        query = 'SELECT count(*) FROM messages WHERE topic_id NOT IN (SELECT id FROM topics)'
+        return int(base.execute(query).fetchone()[0])
 
 
 def _qos_text(profiles: list[Any]) -> str:

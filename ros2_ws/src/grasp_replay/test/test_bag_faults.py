@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import sqlite3
 import struct
 from pathlib import Path
@@ -12,10 +14,11 @@ import mcap_bytes as m
 import pytest
 from mcap_bytes import SECOND
 
-from grasp_replay.bag_reader import open_bag
+from grasp_replay.bag_reader import open_bag, read_metadata
 from grasp_replay.commands.bag_check import check
 from grasp_replay.errors import BagError
 from grasp_replay.mcap_blocks import zstd
+from grasp_replay.mcap_scan import scan_file
 from grasp_replay.replay_core import refusal
 
 LOOSE = (
@@ -231,6 +234,7 @@ def test_files_in_a_subfolder_are_found(tmp_path: Path) -> None:
 
 
 def _database(path: Path, *seconds: int) -> None:
+    path.parent.mkdir(exist_ok=True)
     base = sqlite3.connect(path)
     base.execute(
         'CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, '
@@ -281,3 +285,73 @@ def test_a_bag_compressed_file_by_file_is_named_without_its_metadata(tmp_path: P
     _file(tmp_path, zstd.compress(m.whole(LOOSE)), 'a_0.mcap.zstd')
     with pytest.raises(BagError, match=r'zstd -d a_0\.mcap\.zstd'):
         open_bag(tmp_path)
+
+
+def test_messages_in_the_log_of_a_database_are_not_left_out_in_silence(tmp_path: Path) -> None:
+    _database(tmp_path / 'whole' / 'a.db3', 1, 2)
+    base = sqlite3.connect(tmp_path / 'whole' / 'a.db3')
+    base.execute('PRAGMA journal_mode=WAL')
+    base.execute('INSERT INTO messages(topic_id, timestamp, data) VALUES(1, 3, ?)', (m.cdr('c'),))
+    base.commit()
+    shutil.copytree(tmp_path / 'whole', tmp_path / 'copied')
+    base.close()
+    path = tmp_path / 'copied'
+    with pytest.raises(BagError, match=r'a\.db3-wal holds messages.*journal_mode=DELETE'):
+        open_bag(path)
+    with sqlite3.connect(path / 'a.db3') as merged:
+        merged.execute('PRAGMA journal_mode=DELETE')
+    merged.close()
+    assert len(_texts(path)) == 3
+
+
+def test_messages_of_no_topic_and_rows_without_bytes_in_a_database_are_named(
+    tmp_path: Path,
+) -> None:
+    _database(tmp_path / 'a.db3', 1, 2)
+    with sqlite3.connect(tmp_path / 'a.db3') as base:
+        base.execute('INSERT INTO messages(topic_id, timestamp, data) VALUES(9, 3, "x")')
+    assert (
+        '1 messages of a.db3 belong to no topic of it and are left out' in check(tmp_path)['notes']
+    )
+    with base:
+        base.execute('INSERT INTO messages(topic_id, timestamp, data) VALUES(1, 4, NULL)')
+    base.close()
+    with pytest.raises(BagError, match='topic /a at 4 ns: the database holds nothing'):
+        check(tmp_path)
+
+
+def test_a_cut_database_is_refused_with_the_way_out(tmp_path: Path) -> None:
+    _database(tmp_path / 'a.db3', *range(400))
+    os.truncate(tmp_path / 'a.db3', 8192)
+    with pytest.raises(BagError, match=r'sqlite3 FILE \.recover'):
+        check(tmp_path)
+
+
+def test_a_folder_of_both_kinds_of_files_is_named(tmp_path: Path) -> None:
+    _database(tmp_path / 'a_0.db3', 1)
+    _file(tmp_path, m.whole(LOOSE), 'a_1.mcap')
+    with pytest.raises(BagError, match='holds MCAP and SQLite files'):
+        open_bag(tmp_path)
+
+
+def test_recovery_keeps_what_channels_and_metadata_say_beside_the_messages(
+    tmp_path: Path,
+) -> None:
+    said = {'offered_qos_profiles': '[: no list', 'origin': 'arm 3'}
+    own = m.metadata('rosbag2', {'serialized_metadata': 'custom_data: {cell: north, by: record}'})
+    data = m.header() + m.schema() + m.channel(metadata=said) + own + m.message(1, m.cdr('a'))
+    path = _file(tmp_path, m.whole(data), 'bag/x.mcap')
+    (path.parent / 'metadata.yaml').write_text(
+        'rosbag2_bagfile_information: {relative_file_paths: [x.mcap], custom_data: {by: anna}}'
+    )
+    check(path.parent, tmp_path / 'saved')
+    metadata, _ = read_metadata(tmp_path / 'saved')
+    assert metadata['custom_data'] == {'cell': 'north', 'by': 'anna', 'recovered_from': 'x.mcap'}
+    with (tmp_path / 'saved' / 'saved_0.mcap').open('rb') as stream:
+        (kept,) = scan_file(stream).definitions.channels.values()
+    assert kept.metadata == said
+
+
+def test_a_type_that_the_file_does_not_define_is_named(tmp_path: Path) -> None:
+    path = _file(tmp_path, m.whole(m.header() + m.channel(schema_id=7) + m.message(1, b'')))
+    assert any('the type of /a is not defined' in note for note in check(path)['notes'])

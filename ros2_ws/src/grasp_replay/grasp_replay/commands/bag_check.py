@@ -13,7 +13,7 @@ from typing import Any
 from grasp_common.command_line import parse
 from grasp_common.terminal import complain, print_table, progress_bar, say
 from grasp_replay.bag_reader import Bag, bag_files, open_bag, read_metadata, storage_kind
-from grasp_replay.bag_repair import Examination, examine, recover
+from grasp_replay.bag_repair import Examination, examine, recover, strings_of
 from grasp_replay.errors import BagError
 
 
@@ -94,7 +94,8 @@ def _check_mcap(
     report['notes'] += _remarks(examination)
     if recover_into is not None:
         with progress_bar('saving', examination.message_count) as show:
-            saved = recover(examination, recover_into, show)
+            custom = strings_of(metadata.get('custom_data'))
+            saved = recover(examination, recover_into, show, custom)
         report['recovered'] = {
             'bag': str(recover_into),
             'messages': saved.messages,
@@ -129,6 +130,12 @@ def _remarks(examination: Examination) -> list[str]:
         notes.append(
             f'{packed} messages are compressed one by one; they are unpacked when read, replayed '
             'or saved'
+        )
+    untyped = sorted({topic for scan in scans for topic in scan.definitions.untyped_topics})
+    if untyped:
+        notes.append(
+            f'the type of {", ".join(untyped)} is not defined in the file: its messages can be '
+            'saved, not decoded or replayed'
         )
     if examination.declared not in (None, examination.message_count) and examination.sound:
         notes.append(

@@ -8,6 +8,7 @@ import pytest
 
 from shell_deform.contact.friction_share import friction_share
 from shell_deform.verification import tubes
+from shell_deform.verification.tube_section import TubeSection
 
 
 @pytest.fixture(scope='module')
@@ -39,6 +40,20 @@ def test_the_moment_of_a_bent_tube_follows_the_solid_to_its_largest():
     rows = [row for row in tubes.bent_tube() if row.goal is not None]
     assert len(rows) > 8
     assert max(abs(row.error) for row in rows) < 1e-2
+
+
+def test_pressure_inside_puts_off_the_wrinkles_of_a_bent_tube():
+    (row,) = tubes.wrinkled_tube(20e3, 24, 48)
+    assert abs(row.error) < 0.05
+    assert row.value > 1.4 * TubeSection(0.01, 0.001, tubes.SOFT, 0.3).largest_moment()
+
+
+def test_a_section_bent_little_is_as_stiff_as_a_beam():
+    section = TubeSection(0.01, 0.0005, 1e9, 0.3)
+    curvature = 1e-3 * section.curvature_unit
+    beam = 1e9 * np.pi * 0.01**3 * 0.0005 * (1.0 + 0.25 * 0.05**2)
+    moment = section.moment(section.bent(curvature, section.round()), curvature)
+    assert moment == pytest.approx(beam * curvature, rel=5e-4)
 
 
 def test_a_bottle_turned_between_three_fingers_slips_at_the_exact_sum_of_friction():

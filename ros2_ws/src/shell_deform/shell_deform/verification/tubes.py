@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tubes turned far by rigid grips: twisted, twisted to their limit, bent to their largest moment.
 
-Beside closed forms and a solid (`bags/solid_tube.py`). The bent tube has no more rows along its
-length than its curvature needs: short wrinkles, which a thin elastic tube bends into at some 95 %
-of Brazier's moment, are then not among its motions, and his largest moment can be reached.
+Beside closed forms, a solid (`bags/solid_tube.py`) and the section of a long tube by itself
+(`tube_section.py`). The bent tube has no more rows along its length than its curvature needs:
+short wrinkles are then not among its motions, and the largest moment can be reached. The one that
+is to wrinkle has enough.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from shell_deform.surface.control_mesh import ControlMesh, control_mesh, moved
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.theory.material import Material
 from shell_deform.verification.problem import Verified, stopwatch, used_vertices
+from shell_deform.verification.tube_section import TubeSection
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -40,6 +42,10 @@ X, Y, Z = np.eye(3)
 SLOPE_GOAL, CURVE_GOAL, LIMIT_GOAL, FORMULA_GOAL = 5e-3, 1e-2, 3e-2, 5e-2
 ENERGY_GOAL, BOTTLE_GOAL = 1e-10, 2e-2
 
+# Beyond the last angle of the solid [rad], where the moment is largest.
+PAST_THE_SOLID = (0.645, 0.66)
+# Of a tube that 20 kPa inside stiffen [Pa].
+SOFT = 3e7
 # Turns of the bottle's neck [degrees]: all fingers slip from some 0.1 on.
 BOTTLE_TURNS = (0.03, 0.06, 0.1, 0.15, 0.25, 0.4)
 
@@ -184,40 +190,92 @@ def limit_twist(around: int = 96, along: int = 26) -> Iterator[Verified]:
         )  # fmt: skip
 
 
+def _bent_model(section: TubeSection, length: float, around: int, along: int) -> ShellModel:
+    """Half a tube from its plane of symmetry to a grip on its upper end, which may shift."""
+    tube = tube_mesh(section.radius, length, around, along)
+    shell = discretise(tube.mesh, Material(section.young, section.poisson), section.wall)
+    upper = hold_position(shell, tube.upper, np.eye(3))
+    end = grip('upper', shell, [upper], length * Z, np.stack([X, Z]))
+    return ShellModel(
+        shell, supports=joined(symmetry(shell, tube.lower, Z)), grips=(end,),
+        pressure=section.pressure,
+    )  # fmt: skip
+
+
+def _bent(
+    solver: EquilibriumSolver,
+    section: TubeSection,
+    length: float,
+    angle: float,
+    start: Equilibrium,
+) -> Equilibrium:
+    """Bent by `angle` [rad] at its end, which the pressure inside pushes on as on a lid."""
+    lid = section.pressure * np.pi * section.radius**2
+    force = lid * np.array([[np.sin(angle), 0.0, np.cos(angle)]])
+    return solver.solve(gripped(arc_motion(Z, Y, length, angle)[None], force), start)
+
+
 def bent_tube(around: int = 32, along: int = 20) -> Iterator[Verified]:
     """Half a tube bent from its plane of symmetry by its upper end, which may shift."""
     solutions = kept_solution()
     kept = solutions['bend']
-    radius, wall, length = kept['middle_radius_m'], kept['thickness_m'], kept['length_m']
-    poisson = kept['poisson_ratio']
+    length = kept['length_m']
+    section = TubeSection(
+        kept['middle_radius_m'], kept['thickness_m'], kept['young_modulus_pa'],
+        kept['poisson_ratio'],
+    )  # fmt: skip
     with stopwatch() as watch:
-        tube = tube_mesh(radius, length, around, along)
-        material = Material(kept['young_modulus_pa'], poisson)
-        shell = discretise(tube.mesh, material, wall)
-        upper = hold_position(shell, tube.upper, np.eye(3))
-        end = grip('upper', shell, [upper], length * Z, np.stack([X, Z]))
-        model = ShellModel(shell, supports=joined(symmetry(shell, tube.lower, Z)), grips=(end,))
+        model = _bent_model(section, length, around, along)
         solver = EquilibriumSolver(model, NewtonOptions(largest_move=40.0))
         state, moments = solver.rest(), []
-        for angle in kept['turn_rad']:
-            state = solver.solve(gripped(arc_motion(Z, Y, length, angle)[None]), state)
+        for angle in (*kept['turn_rad'], *PAST_THE_SOLID):
+            state = _bent(solver, section, length, angle, state)
             moments.append(float(state.grip_wrench[0, 4]) if state.converged else np.nan)
     common = (used_vertices(model), watch.seconds)
-    for angle, theirs, ours in zip(kept['turn_rad'], kept['moment_nm'], moments, strict=True):
+    for angle, theirs, ours in zip(kept['turn_rad'], kept['moment_nm'], moments, strict=False):
         yield Verified(
             'tube_bent', f'moment [N m] at {np.degrees(angle):.0f} degrees', theirs,
             solutions['source'], ours, *common, CURVE_GOAL,
         )  # fmt: skip
+    largest = float(np.nanmax(moments))
     yield Verified(
-        'tube_bent', 'largest moment [N m]', max(kept['moment_nm']), solutions['source'],
-        max(moments), *common, CURVE_GOAL,
+        'tube_bent', 'largest moment [N m]', section.largest_moment(),
+        'uniform bending of a section that stretches and turns far (tube_section.py)', largest,
+        *common, CURVE_GOAL,
     )  # fmt: skip
-    brazier = 2.0 * np.sqrt(2.0) / 9.0 * np.pi * kept['young_modulus_pa'] * radius * wall**2
-    brazier /= np.sqrt(1.0 - poisson**2)
     yield Verified(
-        'tube_bent', 'largest moment [N m] beside the formula', brazier,
-        'Brazier 1927, first order in the flattening: 3 % above a ring that turns far',
-        max(moments), *common,
+        'tube_bent', 'largest moment [N m] beside the formula', section.brazier,
+        'Brazier 1927, first order in the flattening: that section carries 96.6 % of it', largest,
+        *common,
+    )  # fmt: skip
+
+
+def wrinkled_tube(pressure: float, around: int = 32, along: int = 80) -> Iterator[Verified]:
+    """Moment at which a soft tube with `pressure` [Pa] inside, finely meshed, first wrinkles.
+
+    Beside the moment at which the axial stress of its section reaches the classical critical
+    stress of a cylinder of the local radius.
+    """
+    kept = kept_solution()['bend']
+    length = kept['length_m']
+    section = TubeSection(
+        kept['middle_radius_m'], kept['thickness_m'], SOFT, kept['poisson_ratio'], pressure
+    )
+    with stopwatch() as watch:
+        expected, curvature = section.wrinkling()
+        model = _bent_model(section, length, around, along)
+        solver = EquilibriumSolver(model, NewtonOptions(largest_move=40.0, stability=True))
+        state, moment = solver.rest(), np.nan
+        for share in (0.3, 0.6, 0.8, *np.arange(0.9, 1.12, 0.02)):
+            found = _bent(solver, section, length, share * curvature * length, state)
+            if not (found.converged and found.stable):
+                moment = float(state.grip_wrench[0, 4])
+                break
+            state = found
+    yield Verified(
+        'tube_wrinkled', f'moment [N m] at {1e-3 * pressure:.0f} kPa', expected,
+        'critical stress E h / (r sqrt(3 (1 - nu^2))) at the local radius of the bent section',
+        moment, used_vertices(model), watch.seconds, FORMULA_GOAL,
     )  # fmt: skip
 
 
@@ -256,4 +314,6 @@ def problems() -> Iterator[Verified]:
     yield from twisted_tube()
     yield from limit_twist()
     yield from bent_tube()
+    for pressure in (0.0, 10e3, 20e3):
+        yield from wrinkled_tube(pressure)
     yield from held_bottle()

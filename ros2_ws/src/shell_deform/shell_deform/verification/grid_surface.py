@@ -17,6 +17,7 @@ import scipy.sparse.linalg as sla
 from numpy.typing import NDArray
 
 from shell_deform.surface.control_mesh import ControlMesh, control_mesh, moved
+from shell_deform.surface.limit import LimitSurface
 from shell_deform.surface.loop_basis import quadrature_basis
 
 Array = NDArray[np.float64]
@@ -95,6 +96,31 @@ def grid_surface(
     start = surface(s, t)
     mesh = control_mesh(start, triangles, corners=[], active=np.tile(inside, 2))
     return GridSurface(fitted(mesh, s, t, surface), number)
+
+
+def closed_tube(radius: float, length: float, cells: tuple[int, int]) -> GridSurface:
+    """A closed cylinder about y from y = 0, `cells` around (from z on) and along, no seam.
+
+    Grid columns -1 and ns + 1 are those on the other side of column 0, which is column ns too.
+    """
+    around, along = cells
+    i, j = np.meshgrid(np.arange(around), np.arange(-1, along + 2), indexing='ij')
+    number = np.arange(i.size).reshape(i.shape)
+    other = np.roll(number, -1, axis=0)
+    a, b = number[:, :-1].ravel(), other[:, :-1].ravel()
+    c, d = other[:, 1:].ravel(), number[:, 1:].ravel()
+    triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    cell = j[:, :-1].ravel()
+    inside = np.tile((cell >= 0) & (cell < along), 2)
+    angle, along_y = 2.0 * np.pi * i.ravel() / around, length * j.ravel() / along
+    ring = np.stack([np.sin(angle), 0.0 * angle, np.cos(angle)], axis=1)
+    line = np.stack([0.0 * angle, along_y, 0.0 * angle], axis=1)
+    mesh = control_mesh(ring + line, triangles, corners=[], active=inside)
+    # A regular ring of control points has a limit that is as regular, and smaller.
+    first = LimitSurface(mesh).limit_positions(mesh.vertices)[number[0, 1]]
+    size = radius / np.hypot(first[0], first[2])
+    wrapped = number[np.arange(-1, around + 2) % around]
+    return GridSurface(moved(mesh, size * ring + line), wrapped)
 
 
 def fitted(mesh: ControlMesh, s: Array, t: Array, surface: Surface) -> ControlMesh:

@@ -18,11 +18,11 @@ from shell_deform.contact.loads import surface_load
 from shell_deform.model import ShellModel
 from shell_deform.solve.equilibrium import LoadCase, forced
 from shell_deform.solve.newton import EquilibriumSolver, borders
-from shell_deform.supports import hold_position, joined, symmetry
+from shell_deform.supports import hold_position, joined
 from shell_deform.surface.control_mesh import control_mesh
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.theory.material import Material
-from shell_deform.verification.grid_surface import grid_surface
+from shell_deform.verification.grid_surface import closed_tube, grid_surface
 from shell_deform.verification.problem import (
     Verified,
     point_load,
@@ -68,33 +68,33 @@ def scordelis_lo(cells: int = 32) -> Verified:
     )  # fmt: skip
 
 
-def pinched_cylinder(cells: int = 96) -> Verified:
-    """Cylinder with rigid diaphragms between two point forces, by an octant."""
+def pinched_cylinder(cells: int = 36) -> Verified:
+    """Cylinder with rigid diaphragms between two point forces, whole; `cells` to a quarter turn.
+
+    An octant would need three symmetric edges, which are a little soft (`supports`): it converges
+    from above at first order. The whole one does from below, faster than third order.
+    """
     data = references()['linear_obstacle_course']['pinched_cylinder']
-    radius, length = data['R'], data['L']
-
-    def octant(s: Array, t: Array) -> Array:
-        angle = 0.5 * np.pi * s
-        x, z = radius * np.sin(angle), radius * np.cos(angle)
-        return np.stack([x, 0.5 * length * t, z], axis=1)
-
     with stopwatch() as watch:
-        grid = grid_surface(octant, (cells, cells))
+        grid = closed_tube(data['R'], data['L'], (4 * cells, 2 * cells))
         shell = discretise(grid.mesh, Material(data['E'], data['nu']), data['h'])
+        ends = np.unique(np.concatenate([grid.edge('t0'), grid.edge('t1')]))
+        middle = grid.number[1:-1, 1 + cells]
         model = ShellModel(
             shell,
             supports=joined(
                 [
-                    *symmetry(shell, grid.edge('s0'), X),
-                    *symmetry(shell, grid.edge('s1'), Z),
-                    *symmetry(shell, grid.edge('t0'), Y),
-                    hold_position(shell, grid.edge('t1'), np.stack([X, Z])),
+                    hold_position(shell, ends, np.stack([X, Z])),
+                    hold_position(shell, middle[:1], Y[None]),
                 ]
             ),
         )
-        load = point_load(model, grid.corner(0, 0), -Z)
-        moved_by = first_order(model, unheld(forced((load,), [data['P'] / 4.0])))
-        dent = float(load.centre @ moved_by @ load.axis)
+        loads = (
+            point_load(model, int(middle[0]), -Z),
+            point_load(model, int(middle[2 * cells]), Z),
+        )
+        moved_by = first_order(model, unheld(forced(loads, [data['P']] * 2)))
+        dent = float(np.mean([load.centre @ moved_by @ load.axis for load in loads]))
     return Verified(
         'pinched_cylinder', 'displacement under the force [in]', data['value_published'],
         'published series solution 164.24 P / (E h)', dent,

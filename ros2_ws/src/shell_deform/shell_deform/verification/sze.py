@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -239,7 +240,7 @@ def pullout(cells: tuple[int, int] = (32, 24)) -> Curve:
                   watch.seconds, message)  # fmt: skip
 
 
-def shear_dent(load: float, modulus: float, poisson: float, thickness: float) -> float:
+def shear_dent(load: Any, modulus: float, poisson: float, thickness: float) -> Any:
     """Shear deflection under a point force per e-fold of distance: P / (2 pi (5/6) G h)."""
     shear_modulus = 0.5 * modulus / (1.0 + poisson)
     return load / (2.0 * np.pi * 5.0 / 6.0 * shear_modulus * thickness)

@@ -80,11 +80,20 @@ def neo_hooke(young_modulus: float, poisson_ratio: float) -> str:
 def run(
     deck: str, name: str, timeout: float = 900.0, threads: int = 1, partial: bool = False
 ) -> dict[float, dict]:
-    """Solve a deck and return its printed tables.
+    """Solve a deck and return its printed tables, {time: {(quantity, set): {number: values}}}.
 
-    Returns {time: {(quantity, set name): {number: values}}}; raises CalculixError with the
-    last lines of the solver when it does not finish, unless `partial` asks for the steps
-    that converged before it gave up.
+    Raises what `printed` raises.
+    """
+    return read_tables(printed(deck, name, timeout, threads, partial))
+
+
+def printed(
+    deck: str, name: str, timeout: float = 900.0, threads: int = 1, partial: bool = False
+) -> str:
+    """Solve a deck and return what it printed.
+
+    Raises CalculixError with the last lines of the solver when it does not finish, unless
+    `partial` asks for the steps that converged before it gave up.
     """
     with tempfile.TemporaryDirectory(prefix='ccx_') as folder:
         directory = Path(folder)
@@ -105,7 +114,7 @@ def run(
         finished = solved.returncode == 0 and 'Job finished' in solved.stdout
         if not finished and not (partial and '*ERROR: increment size' in solved.stdout):
             raise CalculixError(f'{name}: ccx ended with code {solved.returncode}:\n{tail}')
-        return read_tables((directory / f'{name}.dat').read_text())
+        return (directory / f'{name}.dat').read_text()
 
 
 def read_tables(text: str) -> dict[float, dict]:

@@ -12,7 +12,7 @@ from grasp_replay.theories import TheorySet
 from shell_deform.factor.base import FactorError
 from shell_deform.grasp.cone import ConeError
 from shell_deform.grasp.measures import Doubt, Held, Task, measure
-from shell_deform.grasp.reading import read_contacts, read_response, read_wall
+from shell_deform.grasp.reading import read_contacts, read_response, wall_reader
 from shell_deform.grasp.window import Limits
 from shell_deform.solve.newton import EquilibriumSolver
 
@@ -33,7 +33,7 @@ def grasp_document(shell: TheorySet, row: Row) -> dict[str, Any]:
     grasp = read_contacts(model, row.patches, state, FRICTION)
     try:
         response = read_response(EquilibriumSolver(model), row.patches, state, grasp)
-        wall = read_wall(model, state.positions)
+        wall = wall_reader(model, row.patches).at(state.unknowns, state.force, state.displacement)
         limit = shell.shell.yield_stress_pa
         limits = Limits(
             stress=wall.stress / limit if limit else 0.0, strain=wall.strain / STRAIN_LIMIT
@@ -54,6 +54,8 @@ def grasp_document(shell: TheorySet, row: Row) -> dict[str, Any]:
         **told,
         'largest_stress_pa': wall.stress,
         'largest_strain': wall.strain,
+        'stress_sigma_pa': wall.stress * wall.doubt,
+        'stress_unresolved': wall.unresolved,
         'yields': None if limit is None else bool(wall.stress > limit),
         'dent_push_n': float(row.force * limit / wall.stress) if limit and wall.stress else None,
     }

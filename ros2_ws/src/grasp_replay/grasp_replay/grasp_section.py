@@ -69,7 +69,7 @@ def _cells(row: Mapping[str, Any]) -> Markup:
                 f'{grasp["liftable_mass_kg"]:.3g}',
                 _newton(grasp['least_push_n']),
                 _newton(grasp['most_push_n']),
-                grasp['limit'] or '–',
+                _limit(grasp),
             )
         )
     )
@@ -78,6 +78,13 @@ def _cells(row: Mapping[str, Any]) -> Markup:
 def _push(grasp: Mapping[str, Any]) -> float:
     """Mean push of the fingers [N]."""
     return float(np.mean([finger['push_n'] for finger in grasp['fingers']] or [0.0]))
+
+
+def _limit(grasp: Mapping[str, Any]) -> str:
+    """What ends the window, and whether a yield stress was told at all."""
+    if grasp['limit'] == 'yield' and grasp.get('stress_unresolved'):
+        return f'yield, not resolved: {grasp["stress_unresolved"]}'
+    return grasp['limit'] or '–'
 
 
 def _newton(value: float) -> str:

@@ -25,6 +25,9 @@ class GraspMeasures:
         closed, probability, needed, needed_sigma: force closure and the friction it needs [-].
         friction, friction_sigma: as given [-]. push: mean of the fingers. least, most: squeeze
             window. liftable, mass: what the squeeze lifts, what it is to lift [kg].
+        slip, slip_finger: weight [N] at which the first finger slips while all stand still, and
+            which; none below zero. dent: push at which the wall begins to yield. resolved:
+            whether the stress behind it is.
     """
 
     frame: str
@@ -42,6 +45,10 @@ class GraspMeasures:
     most: float
     liftable: float
     mass: float
+    slip: float = 0.0
+    slip_finger: int = -1
+    dent: float = 0.0
+    resolved: bool = False
 
 
 def colour_of(probability: float, palette: Palette = LIGHT) -> Colour:
@@ -67,7 +74,7 @@ def hold_html(grasp: GraspMeasures | None) -> str:
         f'<b style="color:light-dark({light}, {dark})">{word}</b>'
         f'<i>{100.0 * grasp.probability:.0f} % sure</i>'
         f'<p>friction {grasp.friction:.2f} ± {grasp.friction_sigma:.2f} given, {needs}{where}</p>'
-        f'{window_svg(grasp)}<p>{_window_words(grasp)}</p>'
+        f'{window_svg(grasp)}<p>{_window_words(grasp)}</p>{_slip_words(grasp)}'
         '<p>friction is an input, tangential forces are of the model</p></div>'
     )
 
@@ -84,6 +91,17 @@ def _window_words(grasp: GraspMeasures) -> str:
     if not grasp.least < UNLIMITED_N:
         return f'{lifts}; no squeeze lifts {_mass(grasp.mass)}; {most}'
     return f'{lifts}; window for {_mass(grasp.mass)}: from {grasp.least:.1f} N, {most}'
+
+
+def _slip_words(grasp: GraspMeasures) -> str:
+    """First slip and yield, each where it is known."""
+    told = []
+    if grasp.slip_finger >= 0:
+        told.append(f'F{grasp.slip_finger} slips first, under a weight of {grasp.slip:.1f} N')
+    if 0.0 < grasp.dent < UNLIMITED_N:
+        sure = '' if grasp.resolved else ' (stress not resolved)'
+        told.append(f'a dent begins at {grasp.dent:.1f} N{sure}')
+    return f'<p>{"; ".join(told)}</p>' if told else ''
 
 
 def _mass(kilograms: float) -> str:

@@ -76,6 +76,10 @@ def read_grasp(message: PointCloud2) -> GraspMeasures:
     def of_whole(name: str) -> float:
         return float(reader.column(points, name)[whole[0]])
 
+    def if_told(name: str, otherwise: float) -> float:
+        """A field that recordings of earlier versions do not have."""
+        return of_whole(name) if name in (points.dtype.names or ()) else otherwise
+
     own = finger >= 0
     push = reader.column(points, 'push')[own]
     return GraspMeasures(
@@ -94,6 +98,10 @@ def read_grasp(message: PointCloud2) -> GraspMeasures:
         of_whole('most_push'),
         of_whole('liftable_mass'),
         of_whole('mass_given'),
+        if_told('gravity_slip', 0.0),
+        int(if_told('slip_finger', -1.0)),
+        if_told('dent_push', 0.0),
+        if_told('stress_resolved', 0.0) > 0.0,
     )
 
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ from .what_if import (
     opposite,
     vertex_normals,
 )
-from .what_if_panel import FINGERS, WhatIfPanel, Wish
+from .what_if_panel import FINGERS, GIVEN_FRICTION, WhatIfPanel, Wish
 
 NAMESPACE = '/what_if'
 RATE_HZ = 30.0
@@ -100,6 +101,7 @@ class WhatIf:
                 executable('shell_deform', 'deformation'), '--ros-args',
                 '-r', f'__ns:={NAMESPACE}', '-p', f'object:={self._write(self._served)}',
                 '-p', 'drive:=force', '-p', 'frame:=object',
+                '-p', f'friction:={GIVEN_FRICTION}',
             ],
         )  # fmt: skip
         node.create_timer(1.0 / RATE_HZ, self._publish)
@@ -125,6 +127,7 @@ class WhatIf:
                 continue
             found = hits(self._mesh, self._normals, drag.origin, drag.direction)
             if found:
+                self._panel.release(drag.finger)
                 self._touches[drag.finger] = found[0]
         self._panel.show(self.fingers)
         self._follow_wish()
@@ -180,24 +183,29 @@ class WhatIf:
             return
         if not self._client.service_is_ready():
             return
-        if self._asked.object_name != self._served.object_name:
-            self._touches.clear()
-        changes = [Parameter('theory', value=self._asked.theory)]
-        if self._asked.theory == self._served.theory:
-            changes = [Parameter('object', value=str(self._write(self._asked)))]
-            self._served = self._asked
-        else:
-            self._served = Wish(
-                self._served.object_name,
-                self._asked.theory,
-                self._served.young_modulus_pa,
-                self._served.gauge_pressure_pa,
-            )
+        changes = self._changes()
         request = SetParameters.Request(
             parameters=[change.to_parameter_msg() for change in changes]
         )
         self._future = self._client.call_async(request)
         self._panel.say('solving anew …')
+
+    def _changes(self) -> list[Parameter]:
+        """Parameters that bring the solver nearer to what is asked; one thing at a time."""
+        asked, served = self._asked, self._served
+        if (asked.friction, asked.mass_kg) != (served.friction, served.mass_kg):
+            self._served = replace(served, friction=asked.friction, mass_kg=asked.mass_kg)
+            return [
+                Parameter('friction', value=asked.friction),
+                Parameter('mass', value=asked.mass_kg),
+            ]
+        if asked.theory != served.theory:
+            self._served = replace(served, theory=asked.theory)
+            return [Parameter('theory', value=asked.theory)]
+        if asked.object_name != served.object_name:
+            self._touches.clear()
+        self._served = asked
+        return [Parameter('object', value=str(self._write(asked)))]
 
     def close(self) -> None:
         """End the solver."""

@@ -19,6 +19,8 @@ FINGERS = 3
 LARGEST_FORCE_N = 25.0
 COLOURS = ((0, 69, 124), (192, 90, 0), (90, 90, 90))
 HANDLE_M = 3.5e-3
+GIVEN_FRICTION = 0.5
+"""What the solver starts with."""
 THEORIES = ('koiter', 'paper')
 
 
@@ -33,12 +35,14 @@ class Drag:
 
 @dataclass(frozen=True)
 class Wish:
-    """What the sliders ask of the object."""
+    """What the sliders ask of the object and of the grasp."""
 
     object_name: str
     theory: str
     young_modulus_pa: float
     gauge_pressure_pa: float
+    friction: float
+    mass_kg: float
 
 
 class WhatIfPanel:
@@ -57,6 +61,10 @@ class WhatIfPanel:
             self._theory = gui.add_dropdown('Theory', THEORIES)
             self._young = gui.add_slider('Modulus (x file)', 0.1, 10.0, 0.05, 1.0)
             self._pressure = gui.add_slider('Pressure (kPa)', 0.0, 200.0, 1.0, 0.0)
+            self._friction = gui.add_slider(
+                'Friction', 0.0, 1.5, 0.01, GIVEN_FRICTION, hint='Of the fingers: does it close?'
+            )
+            self._mass = gui.add_slider('Mass (g)', 0.0, 1000.0, 1.0, 0.0)
             self._opposite = gui.add_checkbox(
                 'Opposed', True, hint='Finger 2 stays opposite finger 1, with the same force'
             )
@@ -95,7 +103,14 @@ class WhatIfPanel:
             self._theory.value,
             float(described['young_modulus_pa']) * float(self._young.value),
             float(self._pressure.value) * 1e3,
+            float(self._friction.value),
+            float(self._mass.value) * 1e-3,
         )
+
+    def release(self, finger: int) -> None:
+        """A finger 2 that is dragged stands where it is put, no longer opposite finger 1."""
+        if finger == 2 and self.opposing:
+            self._opposite.value = False  # type: ignore[misc]
 
     def say(self, text: str) -> None:
         """One line under the sliders."""

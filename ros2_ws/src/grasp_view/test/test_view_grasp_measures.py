@@ -56,6 +56,15 @@ def test_closure_is_told_with_what_it_needs_and_what_was_given(grasp: GraspMeasu
     assert '>not closed<' in open_one and 'no friction would do' in open_one
 
 
+def test_first_slip_and_dent_are_told_where_the_message_has_them(grasp: GraspMeasures) -> None:
+    assert 'slips first' not in hold_html(grasp) and 'dent begins' not in hold_html(grasp)
+    more = ('gravity_slip', 'slip_finger', 'dent_push', 'stress_resolved')
+    rows = np.concatenate([ROWS, [[0.0] * 4, [0.0] * 4, [4.25, 2.0, 31.0, 0.0]]], axis=1)
+    told = hold_html(read_grasp(cloud(rows, FIELDS + more, Time())))
+    assert 'F2 slips first, under a weight of 4.2 N' in told
+    assert 'a dent begins at 31.0 N (stress not resolved)' in told
+
+
 def test_the_bar_spans_the_window_and_the_mark_is_the_squeeze(grasp: GraspMeasures) -> None:
     told = window_svg(grasp)
     # 18 N are 1 / 1.25 of the scale of 288 pixels that begins at 6.

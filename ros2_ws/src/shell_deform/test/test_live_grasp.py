@@ -3,13 +3,19 @@
 
 from dataclasses import replace
 from time import perf_counter
+from types import SimpleNamespace
 
 import live_hand
 import numpy as np
 import pytest
 from live_hand import SURE
 
+from shell_deform.grasp.capacity import DIRECTIONS
+from shell_deform.grasp.reading import read_contacts, read_response
+from shell_deform.grasp.slip import first_slips
+from shell_deform.grasp.stiffness import adversary_work, grasp_stiffness
 from shell_deform.live.tick.grasp import GRASP_FIELDS, WHOLE, GraspTask, GraspTick
+from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.theory.gas import Gas
 
 R, H = 31.25e-3, 2.5e-3
@@ -85,6 +91,49 @@ def test_a_grasp_that_needs_no_friction_says_so_within_the_sigma_of_its_normals(
     assert 0.0 < column(rows, 'needed_friction_sigma')[-1] < 0.1
 
 
+def test_first_slip_is_that_of_the_whole_solve(pipeline):
+    """What the background condenses says the same as the tangent solved with standing fingers."""
+    pipeline.settle(opposed(4e-3), rounds=4)
+    tick = GraspTick()
+    tick.task = GraspTask(friction=0.3, down=(0.6, 0.0, -0.8))
+    row = tick.rows(pipeline.estimator)[-1]
+    solver = pipeline.solver
+    tracker, patches = solver.tracker, solver.contacts.patches
+    state = SimpleNamespace(
+        positions=tracker.positions, force=tracker.state.force,
+        multipliers=tracker.state.multipliers,
+    )  # fmt: skip
+    grasp = read_contacts(solver.model, patches, state, 0.3)
+    found = read_response(EquilibriumSolver(solver.model), patches, state, grasp)
+    loads = np.zeros((27, 6))
+    loads[0, :3], loads[1:, :3] = tick.task.down, DIRECTIONS
+    factor, contact, _ = first_slips(grasp, found.sharing, loads)
+    told = dict(zip(GRASP_FIELDS, row.tolist(), strict=True))
+    assert told['gravity_slip'] == pytest.approx(factor[0], rel=1e-3)
+    assert told['worst_slip'] == pytest.approx(factor[1:].min(), rel=1e-3)
+    assert told['slip_finger'] in (1.0, 2.0)
+    assert contact[0] in (0, 1)
+    stiff = grasp_stiffness(found.compliance, told['epsilon_length']).smallest
+    assert told['smallest_stiffness'] == pytest.approx(stiff, rel=1e-3)
+    assert told['adversary_work'] == pytest.approx(adversary_work(found.compliance, 1.0), rel=1e-3)
+    assert 0.0 < told['epsilon'] <= told['worst_capacity'] * 1.001
+    assert told['rigid_share'] < 1e-3
+
+
+def test_the_wall_under_a_pin_narrower_than_itself_is_said_not_to_be_resolved(pipeline):
+    pipeline.settle(opposed(2e-3), rounds=3)
+    tick = GraspTick()
+    tick.yield_stress = 3e6
+    row = dict(zip(GRASP_FIELDS, tick.rows(pipeline.estimator)[-1].tolist(), strict=True))
+    assert row['yield_share'] > 0.0
+    assert row['dent_push'] == pytest.approx(15.0 / row['yield_share'], rel=0.5)
+    assert row['most_push'] <= row['dent_push'] * 1.0001
+    # 3 mm pins on a wall of 2.5 mm.
+    assert row['stress_resolved'] == 0.0
+    assert row['yield_share_sigma'] > row['yield_share']
+    assert 0.0 < row['strain_share'] < 1.0
+
+
 def test_nothing_in_the_hand_is_no_grasp_and_no_nan(sphere):
     model = sphere(R, H, subdivisions=2, young=12.75e6)
     hand = live_hand.pipeline(model, SURE)
@@ -106,9 +155,12 @@ def test_absurd_tasks_give_numbers(pipeline, friction, mass):
     assert column(rows, 'closed')[-1] == float(friction > 0.0)
 
 
-def test_the_grasp_adds_little_to_a_tick(pipeline):
+def test_the_grasp_adds_little_to_a_tick_of_three_pins(pipeline):
     """A guard on a busy machine; `docs` has the figure of a quiet one."""
-    pipeline.settle(opposed(4e-3), rounds=3)
+    turn = np.radians([0.0, 120.0, 240.0])
+    normal = -np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
+    three = live_hand.sample(-OUTER * normal, normal, [8.0] * 3, [4e-3] * 3, radius=3e-3, stamp=9)
+    pipeline.settle(three, rounds=3)
     tick = GraspTick()
     tick.task = GraspTask(mass=0.058)
     for _ in range(30):

@@ -59,10 +59,13 @@ class Capacity:
     bound: Array
 
 
-def load_capacity(grasp: GraspContacts, wrench: Array, origin: Array) -> Capacity:
+def load_capacity(
+    grasp: GraspContacts, wrench: Array, origin: Array, basis: Array | None = None
+) -> Capacity:
     """How much of `wrench` (6,) on the object, force [N] and moment about `origin` [N m].
 
-    Raises GraspError for a wrench that is zero or not finite.
+    `basis`: `contact_wrenches` about `origin` at 1 m, where it is at hand. Raises GraspError for
+    a wrench that is zero or not finite.
     """
     wrench = np.asarray(wrench, float)
     if wrench.shape != (6,) or not np.all(np.isfinite(wrench)) or not np.any(wrench):
@@ -75,7 +78,9 @@ def load_capacity(grasp: GraspContacts, wrench: Array, origin: Array) -> Capacit
     size, largest = size_of(part), float(part.push.max())
     scaled = np.concatenate([wrench[:3], wrench[3:] / size])
     length = float(np.linalg.norm(scaled))
-    basis = contact_wrenches(part, origin, size)
+    if basis is None:
+        basis = contact_wrenches(grasp, origin, 1.0)
+    basis = basis[:, chosen] / np.array([1.0, 1.0, 1.0, size, size, size])[:, None, None]
     factor, found, bound = _largest(basis, part, scaled / length, part.push / largest)
     force[chosen] = found * largest
     bound = np.concatenate([bound[:3], bound[3:] / size]) / length
@@ -96,15 +101,17 @@ def liftable_mass(grasp: GraspContacts, down: Array, origin: Array) -> float:
     return load_capacity(grasp, weight, origin).factor / GRAVITY
 
 
-def bounds_of(grasp: GraspContacts, bounds: Array, wrenches: Array, origin: Array) -> Array:
+def bounds_of(grasp: GraspContacts, bounds: Array, wrenches: Array, basis: Array) -> Array:
     """(d,) capacities for `wrenches` (d, 6) that virtual motions `bounds` (d, 6) allow at most.
+
+    `basis`: `contact_wrenches` at 1 m.
 
     A motion that was the proof for nearly the same contacts gives nearly the same capacity: the
     difference is of second order. Infinite where a motion says nothing of its load.
     """
     work = -np.einsum('da,da->d', wrenches, bounds)
-    by_contact = np.einsum('da,akf->dkf', bounds, contact_wrenches(grasp, origin, 1.0))
-    across = np.linalg.norm(by_contact[:, :, 1:], axis=2)
+    by_contact = (bounds @ basis.reshape(6, -1)).reshape(len(bounds), -1, FORCES)
+    across = np.sqrt(np.einsum('dkf,dkf->dk', by_contact[:, :, 1:], by_contact[:, :, 1:]))
     most = np.maximum(by_contact[:, :, 0] + grasp.friction * across, 0.0) @ grasp.push
     return np.where(work > 0.0, most / np.where(work > 0.0, work, 1.0), np.inf)
 

@@ -56,6 +56,23 @@ class GraspContacts:
     arm: Array
 
     def __post_init__(self) -> None:
+        if not self._plainly_right():
+            self._refuse()
+
+    def _plainly_right(self) -> bool:
+        """Whether one look at all numbers finds nothing wrong: a sample has no time for more."""
+        k = len(self.point)
+        parts = [getattr(self, name) for name in self.__dataclass_fields__]
+        if [len(part) for part in parts] != 7 * [k] or not k:
+            return False
+        values = np.concatenate([part.ravel() for part in parts])
+        if len(values) != 13 * k or not np.abs(values).max() < min(LARGEST.values()):
+            return False
+        length = np.einsum('ki,ki->k', self.normal, self.normal)
+        return bool(np.abs(length - 1.0).max() < 1e-6 and values[-2 * k :].min() >= 0.0)
+
+    def _refuse(self) -> None:
+        """Raise GraspError for what cannot be."""
         count = len(self.point)
         for name, size in (
             ('point', (count, 3)), ('normal', (count, 3)), ('push', (count,)),

@@ -23,7 +23,8 @@ COLUMNS = (
     'needed_friction', 'needed_friction_sigma', 'epsilon_n', 'gravity_slip_n', 'worst_slip_n',
     'push_n', 'depth_m', 'least_push_n', 'most_push_n', 'limit', 'snap_margin',
     'smallest_stiffness_n_m', 'adversary_work_j', 'energy_j', 'squeeze_work_j', 'rigid_share',
-    'largest_stress_pa', 'largest_strain', 'dent_push_n', 'stable',
+    'largest_stress_pa', 'stress_sigma_pa', 'stress_unresolved', 'largest_strain', 'dent_push_n',
+    'stable',
 )  # fmt: skip
 HEADINGS = {
     'number': 'grasp', 'worst_capacity_n': 'worst of 26 [N]', 'liftable_mass_kg': 'lifts [kg]',

@@ -16,7 +16,7 @@ from shell_deform.grasp.capacity import liftable_mass
 from shell_deform.grasp.cone import ConeError
 from shell_deform.grasp.contacts import GraspError
 from shell_deform.grasp.measures import Doubt, Held, Task, measure
-from shell_deform.grasp.reading import read_contacts, read_response, read_wall
+from shell_deform.grasp.reading import read_contacts, read_response, wall_reader
 from shell_deform.grasp.sampling import PinGrasp, SamplingError, sample_grasp
 from shell_deform.grasp.stiffness import rigid_share, squeeze_work
 from shell_deform.grasp.window import UNLIMITED, Limits, window_of_curve
@@ -131,7 +131,8 @@ def _measured(
     model, count = place.model, len(pins)
     grasps = [read_contacts(model, pins, state, request.friction) for state in states]
     response = read_response(place.solver, pins, states[-1], grasps[-1])
-    walls = [read_wall(model, state.positions) for state in states]
+    reader = wall_reader(model, pins)
+    walls = [reader.at(state.unknowns, state.force, state.displacement) for state in states]
     yielding = place.shell.yield_stress_pa or 0.0
     slope = states[0].force.sum() / max(float(states[0].displacement.sum()), 1e-12)
     limits = []
@@ -175,6 +176,8 @@ def _measured(
         'largest_stress_pa': walls[-1].stress,
         'largest_strain': walls[-1].strain,
         'dent_push_n': _dent(mean, walls, yielding),
+        'stress_sigma_pa': walls[-1].stress * walls[-1].doubt,
+        'stress_unresolved': walls[-1].unresolved,
         'squeeze_work_j': work,
         'rigid_share': rigid_share(sampled.at, motion),
     }

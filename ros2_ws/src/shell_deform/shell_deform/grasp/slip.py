@@ -59,39 +59,69 @@ def first_slip(grasp: GraspContacts, sharing: Sharing, wrench: Array) -> Slip:
 def first_slips(
     grasp: GraspContacts, sharing: Sharing, wrenches: Array
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.bool_]]:
-    """Factors, contacts and whether the push is lost, for wrenches (d, 6).
+    """Factors, contacts and whether the push is lost, for wrenches (d, 6)."""
+    if not grasp.count:
+        count = len(wrenches)
+        return np.zeros(count), np.full(count, -1), np.zeros(count, bool)
+    return slips_along(grasp, slip_rates(grasp, sharing, wrenches))
 
-    With N = N0 + a N1 and the scaled tangential force v = v0 + a v1, slip is |v| = N: a quadratic
-    equation of a for each contact.
+
+@dataclass(frozen=True)
+class SlipRates:
+    """What d loads change of k contacts, made once for many pushes of the same contacts.
+
+    Attributes:
+        push: (k, d). across: (k, 4, d) of tangential force and spin over the arm, over friction.
+        square: (k, d) of what both leave to the cone.
     """
-    count, loads = grasp.count, len(wrenches)
-    if not count:
-        return np.zeros(loads), np.full(loads, -1), np.zeros(loads, bool)
-    safe = np.maximum(grasp.friction, 1e-12)
-    arm = np.where(grasp.arm > 0.0, grasp.arm, np.inf)
-    v0 = np.concatenate([grasp.tangential, (grasp.spin / arm)[:, None]], axis=1) / safe[:, None]
-    n1 = sharing.push @ wrenches.T
-    v1 = np.concatenate(
+
+    push: Array
+    across: Array
+    square: Array
+
+
+def slip_rates(grasp: GraspContacts, sharing: Sharing, wrenches: Array) -> SlipRates:
+    """Rates of wrenches (d, 6) at contacts of the friction and arms of `grasp`."""
+    safe, arm = _scales(grasp)
+    push = sharing.push @ wrenches.T
+    across = np.concatenate(
         [
-            np.einsum('kaw,dw->kad', sharing.tangential, wrenches),
+            sharing.tangential @ wrenches.T,
             (sharing.spin @ wrenches.T / arm[:, None])[:, None],
         ],
         axis=1,
     )
-    v1 = v1 / safe[:, None, None]
+    across = across / safe[:, None, None]
+    return SlipRates(push, across, push**2 - np.einsum('kad,kad->kd', across, across))
+
+
+def slips_along(
+    grasp: GraspContacts, rates: SlipRates
+) -> tuple[Array, NDArray[np.int64], NDArray[np.bool_]]:
+    """`first_slips` from rates.
+
+    With N = N0 + a N1 and the scaled tangential force v = v0 + a v1, slip is |v| = N: a quadratic
+    equation of a for each contact.
+    """
+    safe, arm = _scales(grasp)
+    v0 = np.concatenate([grasp.tangential, (grasp.spin / arm)[:, None]], axis=1) / safe[:, None]
     room = grasp.push**2 - np.einsum('ka,ka->k', v0, v0)
-    cross = grasp.push[:, None] * n1 - np.einsum('ka,kad->kd', v0, v1)
-    square = n1**2 - np.einsum('kad,kad->kd', v1, v1)
-    root = cross**2 - square * room[:, None]
-    meets = (square < 0.0) | ((cross < 0.0) & (root >= 0.0))
+    cross = grasp.push[:, None] * rates.push - np.einsum('ka,kad->kd', v0, rates.across)
+    root = cross**2 - rates.square * room[:, None]
+    meets = (rates.square < 0.0) | ((cross < 0.0) & (root >= 0.0))
     below = np.sqrt(np.maximum(root, 0.0)) - cross
-    factor = np.where(
-        meets & (below > 0.0), room[:, None] / np.where(below > 0, below, 1.0), NEVER
-    )
-    slipping = (grasp.push <= 0.0) | (room <= 0.0)
-    factor[slipping] = 0.0
+    meets &= below > 0.0
+    factor = np.where(meets, room[:, None] / np.where(meets, below, 1.0), NEVER)
+    factor[(grasp.push <= 0.0) | (room <= 0.0)] = 0.0
     factor = np.minimum(factor, NEVER)
-    first = np.argmin(factor, axis=0)
-    least = factor[first, np.arange(loads)]
-    lost = grasp.push[first] + least * n1[first, np.arange(loads)] <= 1e-9 * grasp.push.max()
+    first = factor.argmin(axis=0)
+    each = np.arange(len(first))
+    least = factor[first, each]
+    lost = grasp.push[first] + least * rates.push[first, each] <= 1e-9 * grasp.push.max()
     return least, np.where(least < NEVER, first, -1), lost
+
+
+def _scales(grasp: GraspContacts) -> tuple[Array, Array]:
+    """Friction, never zero, and arms, infinite for a point: it carries no torque by itself."""
+    arm = np.where(grasp.arm > 0.0, grasp.arm, np.inf)
+    return np.maximum(grasp.friction, 1e-12), arm

@@ -13,6 +13,9 @@ Array = NDArray[np.float64]
 UNLIMITED = 1e9
 """Push that nothing known forbids [N]."""
 
+UNKNOWN = 1e3
+"""Relative sigma of a stress that is not resolved: nothing is known of it."""
+
 FIRMEST = 1e-3
 """A snap margin nearer to one than this says nothing of a snap."""
 

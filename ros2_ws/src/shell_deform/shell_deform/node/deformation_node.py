@@ -407,6 +407,7 @@ class DeformationNode(Node):
         shell_object = load_object(name)
         young = shell_object.modulus(self.link.worker.theory)
         self.modulus = ModulusFilter(young, self._settings.errors)
+        self._grasp.yield_stress = shell_object.yield_stress_pa or 0.0
         if shell_object.relaxation is not None:
             self.estimator.hold = ForceMemory(shell_object.relaxation)
         self._topics.resize(len(memory.rest), memory.rest_outer is not None)

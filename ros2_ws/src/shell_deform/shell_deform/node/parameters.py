@@ -85,6 +85,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter('friction_sigma', 0.1, 'sigma of friction (-)', 0.0, 10.0),
     Parameter('normal_sigma', 0.02, 'sigma of the deformed normals (rad)', 0.0, 1.0),
     Parameter('mass', 0.0, 'mass of the object that the grasp is to lift (kg)', 0.0, 1000.0),
+    Parameter('strain_limit', 0.2, 'largest strain that the wall is to bear (-)', 1e-4, 10.0),
     Parameter(
         'gravity', [0.0, 0.0, -1.0], 'direction of its weight in the frame of the contacts (-)'
     ),
@@ -157,6 +158,7 @@ def grasp_task(values: Mapping[str, Any]) -> GraspTask:
         float(values['normal_sigma']),
         float(values['mass']),
         (down[0] / size, down[1] / size, down[2] / size),
+        float(values['strain_limit']),
     )
 
 

@@ -88,14 +88,20 @@ class Condensed:
     Attributes:
         fields: (N, j) motion of the control points.
         displacement: (k, j) motion of the contact centres along their axes.
-        reaction: (2 k, j) lateral forces of the fingers on the patches.
+        held: (3 k, j) multipliers of the held rows.
         rigid_reaction: (r, j) generalised forces that hold the rigid motions.
     """
 
     fields: Array
     displacement: Array
-    reaction: Array
+    held: Array
     rigid_reaction: Array
+
+    @property
+    def reaction(self) -> Array:
+        """(2 k, j) lateral forces of the fingers on the patches."""
+        lateral = self.held.reshape(-1, HELD_ROWS, self.held.shape[1])[:, :LATERAL_ROWS]
+        return -lateral.reshape(-1, self.held.shape[1])
 
 
 @dataclass(frozen=True)
@@ -213,7 +219,7 @@ class CondensedSystem:
         return Condensed(
             fields=fields,
             displacement=rows.measure.T @ fields,
-            reaction=-multipliers[rows.lateral_columns],
+            held=multipliers[: HELD_ROWS * count],
             rigid_reaction=-multipliers[HELD_ROWS * count :],
         )
 

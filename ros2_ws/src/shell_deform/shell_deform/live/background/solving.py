@@ -16,6 +16,7 @@ from shell_deform.live.background.carried import carried
 from shell_deform.live.background.condensed import HELD_ROWS, Condensed, ContactRows, contact_rows
 from shell_deform.live.background.contact_tracking import ContactTracker, Touch
 from shell_deform.live.background.energy_density import EnergyDensity
+from shell_deform.live.background.grasp_response import GraspResponse
 from shell_deform.live.background.gripping import Gripping
 from shell_deform.live.background.load_case import Load
 from shell_deform.live.background.motion import Motion
@@ -88,6 +89,7 @@ class LiveSolver:
         self._linear_columns = np.zeros((self._size, 3, 0))
         self._placement: Placement | None = None
         self._feet = outer_feet(model, ())
+        self._grasp = GraspResponse(model)
         self.share = 1.0
         self.seconds = 0.0
         self.turning = False
@@ -221,13 +223,13 @@ class LiveSolver:
         return self._condensed is not None and good and self._states < MOST_STATES
 
     def refine(self) -> bool:
-        """Take the columns at the present state; False if those at hand are good enough."""
+        """Take columns and grasp at the present state; False if those at hand are good enough."""
         tracker = self.tracker
         if (
             self._condensed is not None
             and np.abs(tracker.state.moved - self._condensed_at).max() < STILL * self._wall
         ):
-            return False
+            return self._grasp.renew(tracker, self._feet, self._condensed, moved=False)
         old, old_columns, old_state = self._condensed, self._limit_columns, self._condensed_at
         old_inputs = self._inputs_at
         self._condensed = tracker.condense()
@@ -246,6 +248,7 @@ class LiveSolver:
             self._face.refined(0.0)
         if self._gripping is not None:
             self._take_grip_columns(self._gripping)
+        self._grasp.renew(tracker, self._feet, self._condensed, moved=True)
         return True
 
     def _take_grip_columns(self, gripping: Gripping) -> None:
@@ -291,6 +294,7 @@ class LiveSolver:
             ('touch_normal', normal),
             ('reaction', -tracker.state.multipliers[rows.lateral_columns]),
             ('rigid_reaction', -tracker.state.multipliers[HELD_ROWS * k :]),
+            ('spin', self._spins()),
         ):
             values = np.asarray(values)
             if len(values):
@@ -308,6 +312,7 @@ class LiveSolver:
         record['displacement_by'][:k, :j] = condensed.displacement
         record['reaction_by'][: 2 * k, :j] = condensed.reaction
         record['rigid_by'][:r, :j] = condensed.rigid_reaction
+        self._grasp.fill(record, k)
         if self._small is not None:
             pairs = self._small.second_order.shape[1]
             record['linear_compliance'][:k, :k] = self._small.compliance
@@ -341,6 +346,14 @@ class LiveSolver:
 
     def _fingers(self) -> list[int]:
         return [contact.finger for contact in self.contacts.contacts]
+
+    def _spins(self) -> Array:
+        """(k,) torques [N m] of the fingers about their axes."""
+        patches = self.contacts.patches
+        held = self.tracker.state.multipliers[: HELD_ROWS * len(patches)].reshape(-1, HELD_ROWS)
+        return np.array(
+            [-patch.radius * one[-1] for patch, one in zip(patches, held, strict=True)]
+        )
 
     def _displacements(self) -> Array:
         return np.asarray(self._rows().measure.T @ self.tracker.state.moved)
@@ -377,6 +390,7 @@ class LiveSolver:
         self.tracker.take(self.model.on_contacts(self.contacts.patches))
         rows = contact_rows(self.tracker.model, self.contacts.patches)
         self._feet = outer_feet(self.model, self.contacts.patches)
+        self._grasp.take(self.tracker.model, self.contacts.patches)
         self.tracker.set_contacts(rows, force)
         self._new_generation(rows)
 

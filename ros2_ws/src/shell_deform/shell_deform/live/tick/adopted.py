@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.grasp.slip import Sharing
 from shell_deform.live.background.contact_tracking import LONGEST_SLIDE, SHORTEST_JUMP
 from shell_deform.live.exchange import Slot
 from shell_deform.live.grip_motion import AFFINE, GripPoses, followed
@@ -54,6 +55,17 @@ class Adopted:
         self.touch_point = record['touch_point'][:k].copy()
         self.touch_normal = record['touch_normal'][:k].copy()
         self.energy = float(record['energy'])
+        self.spin = record['spin'][:k].copy()
+        self.grasp_known = bool(record['grasp_known'])
+        self.centre = record['centre'].copy()
+        self.sharing = Sharing(
+            record['share_push'][:k].copy(),
+            record['share_across'][:k].copy(),
+            record['share_spin'][:k].copy(),
+        )
+        self.compliance = record['body_compliance'].copy()
+        self.stress, self.strain = float(record['stress']), float(record['strain'])
+        self.stress_doubt = float(record['stress_doubt'])
         self.share = float(record['share'])
         self.stable = bool(record['stable'])
         self.snap_margin = float(record['snap_margin'])

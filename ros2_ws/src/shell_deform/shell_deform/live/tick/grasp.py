@@ -16,11 +16,19 @@ from numpy.typing import NDArray
 from shell_deform.grasp.capacity import DIRECTIONS, GRAVITY, bounds_of, load_capacity
 from shell_deform.grasp.closure import Closure, closure
 from shell_deform.grasp.cone import ConeError
-from shell_deform.grasp.contacts import UNIFORM_ARM, GraspContacts, GraspError, contacts
+from shell_deform.grasp.contacts import (
+    UNIFORM_ARM,
+    GraspContacts,
+    GraspError,
+    contact_wrenches,
+    contacts,
+)
 from shell_deform.grasp.margins import margins
 from shell_deform.grasp.probability import Sigmas, closure_probability, closure_sigma
-from shell_deform.grasp.window import Limits, squeeze_window
+from shell_deform.grasp.slip import slips_along
+from shell_deform.grasp.window import UNKNOWN, UNLIMITED, Limits, squeeze_window
 from shell_deform.live.tick.estimator import Estimator
+from shell_deform.live.tick.grasp_held import HeldGrasp, held_grasp
 
 Array = NDArray[np.float64]
 
@@ -29,12 +37,15 @@ WHOLE = -1
 
 FINGER_FIELDS = (
     'x', 'y', 'z', 'nx', 'ny', 'nz', 'push', 'tangential_modelled', 'needed_angle',
-    'slip_margin', 'slip_margin_sigma', 'soft_margin',
+    'slip_margin', 'slip_margin_sigma', 'soft_margin', 'spin_modelled',
 )  # fmt: skip
 GRASP_ONLY = (
     'closed', 'closure_probability', 'needed_friction', 'needed_friction_sigma',
     'gravity_capacity', 'worst_capacity', 'liftable_mass', 'least_push', 'most_push',
     'snap_margin', 'friction_given', 'friction_sigma_given', 'mass_given', 'on_deformed_normals',
+    'gravity_slip', 'worst_slip', 'slip_finger', 'smallest_stiffness', 'adversary_work',
+    'epsilon', 'epsilon_length', 'rigid_share', 'squeeze_energy', 'yield_share',
+    'yield_share_sigma', 'dent_push', 'strain_share', 'stress_resolved',
 )  # fmt: skip
 GRASP_FIELDS = ('finger', *FINGER_FIELDS, *GRASP_ONLY)
 PLOTTED = ('needed_friction', 'closure_probability', 'liftable_mass', 'least_push')
@@ -44,7 +55,8 @@ PLOTTED = ('needed_friction', 'closure_probability', 'liftable_mass', 'least_pus
 class GraspTask:
     """What the grasp is for: friction and its sigma [-], sigma of the normals [rad], mass [kg].
 
-    `down`: unit direction of the weight in the frame of the contacts.
+    `down`: unit direction of the weight in the frame of the contacts. `strain_limit`: of the
+    wall [-].
     """
 
     friction: float = 0.5
@@ -52,6 +64,7 @@ class GraspTask:
     normal_sigma: float = 0.02
     mass: float = 0.0
     down: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    strain_limit: float = 0.2
 
 
 @dataclass(frozen=True)
@@ -83,11 +96,14 @@ class GraspTick:
     """Measures of one sample after the other; what the last one proved saves the next one time.
 
     `why`: one sentence why the last grasp is not closed or what of it cannot be told, else empty.
+    `yield_stress`: of the object [Pa], 0 where it has none.
     """
 
     def __init__(self) -> None:
         self.task = GraspTask()
         self.why = ''
+        self.yield_stress = 0.0
+        self._held: tuple[object, object, GraspTask, HeldGrasp] | None = None
         self._fingers: tuple[int, ...] = ()
         self._needed: float | None = None
         self._closure: tuple[object, GraspTask, bytes, Closed] | None = None
@@ -108,6 +124,7 @@ class GraspTick:
         if tuple(seen.finger.tolist()) != self._fingers:
             self._fingers, self._needed = tuple(seen.finger.tolist()), None
             self._bounds[:] = 0.0
+            self._held = None
         packed = np.zeros((count + 1, len(GRASP_FIELDS)), np.float32)
         pose = estimator.pose_in_use
         centre = pose.rotation @ estimator.rest.mean(axis=0) + pose.translation
@@ -118,7 +135,7 @@ class GraspTick:
         packed[:count, 8] = np.linalg.norm(grasp.tangential, axis=1)
         packed[:count, 9] = own.needed_angle
         packed[:count, 10], packed[:count, 11] = own.slip_margin, own.slip_sigma
-        packed[:count, 12] = own.soft_margin
+        packed[:count, 12], packed[:count, 13] = own.soft_margin, grasp.spin
         packed[-1, 0] = WHOLE
         packed[-1, 1:4] = centre
         packed[-1, 1 + len(FINGER_FIELDS) :] = self._whole(estimator, seen, centre)
@@ -129,16 +146,56 @@ class GraspTick:
         known = self._closed(estimator, seen)
         self.why = self.why or known.why
         lifted, worst = self._capacities(grasp, centre)
-        snap = 1.0
-        if seen.deformed and estimator.adopted is not None:
-            snap = estimator.adopted.snap_margin
+        held = self._of_equilibrium(estimator, seen)
         push = float(grasp.push.mean()) if grasp.count else 0.0
-        window = squeeze_window(push, lifted / GRAVITY, task.mass, Limits(snap_margin=snap))
+        limits, doubt = Limits(), UNKNOWN
+        slips, slipping = (0.0, 0.0), -1
+        if held is not None and estimator.adopted is not None:
+            # Stress and strain in proportion to the push since the equilibrium.
+            grown = push / held.push if held.push > 0.0 else 0.0
+            stress = held.stress / self.yield_stress if self.yield_stress else 0.0
+            limits = Limits(
+                estimator.adopted.snap_margin, grown * stress,
+                grown * held.strain / task.strain_limit,
+            )  # fmt: skip
+            doubt = held.stress_doubt
+            if held.rates is not None:
+                factor, contact, _ = slips_along(grasp, held.rates)
+                slips = float(factor[0]), float(factor[1:].min())
+                slipping = int(seen.finger[contact[0]]) if contact[0] >= 0 else -1
+        window = squeeze_window(push, lifted / GRAVITY, task.mass, limits)
+        dent = push / limits.stress if limits.stress > 0.0 else UNLIMITED
+        of_state = (
+            (held.smallest_stiffness, held.adversary_work, held.epsilon, held.length,
+             held.rigid_share, held.energy)
+            if held is not None else (0.0,) * 6
+        )  # fmt: skip
         return (
             float(known.closed), known.probability, known.friction, known.sigma, lifted, worst,
-            window.liftable, window.least, window.most, snap, task.friction, task.friction_sigma,
-            task.mass, float(seen.deformed),
+            window.liftable, window.least, window.most, limits.snap_margin, task.friction,
+            task.friction_sigma, task.mass, float(seen.deformed), *slips, float(slipping),
+            *of_state, limits.stress, limits.stress * doubt, dent, limits.strain,
+            float(doubt < UNKNOWN),
         )  # fmt: skip
+
+    def _of_equilibrium(self, estimator: Estimator, seen: Seen) -> HeldGrasp | None:
+        """What only another equilibrium, pose or task changes; None before there is one."""
+        adopted, pose = estimator.adopted, estimator.pose_in_use
+        if not seen.deformed or adopted is None:
+            self._held = None
+            return None
+        if self._held is not None:
+            of_adopted, of_pose, of_task, known = self._held
+            if of_adopted is adopted and of_pose is pose and of_task is self.task:
+                return known
+        seed = None if self._held is None else self._held[3].weakest
+        try:
+            found = held_grasp(adopted, seen.grasp, pose, np.array(self.task.down), seed)
+        except ConeError as error:
+            self.why, self._held = self.why or str(error), None
+            return None
+        self._held = adopted, pose, self.task, found
+        return found
 
     def _closed(self, estimator: Estimator, seen: Seen) -> Closed:
         """Closure: a matter of points, normals and friction, which an equilibrium decides."""
@@ -182,12 +239,13 @@ class GraspTick:
         if unknown.any():
             anew = np.flatnonzero(unknown).tolist()
         try:
+            basis = contact_wrenches(grasp, centre, 1.0)
             for number in anew:
-                self._bounds[number] = load_capacity(grasp, wrenches[number], centre).bound
+                self._bounds[number] = load_capacity(grasp, wrenches[number], centre, basis).bound
         except ConeError as error:
             self.why = self.why or str(error)
             return 0.0, 0.0
-        most = bounds_of(grasp, self._bounds, wrenches, centre)
+        most = bounds_of(grasp, self._bounds, wrenches, basis)
         most = np.where(np.isfinite(most), most, 0.0)
         return float(most[0]), float(most[1:].min())
 
@@ -226,10 +284,11 @@ def contacts_of(estimator: Estimator, task: GraspTask) -> Seen:
     force = push[:, None] * adopted.axis
     force += (lateral[:, None] * response.lateral).reshape(k, 2, 3).sum(axis=1)
     normal = adopted.touch_normal @ pose.rotation.T
-    force = force @ pose.rotation.T
+    force, spin = force @ pose.rotation.T, adopted.spin
     if estimator.hold is not None:
         # What the fingers feel now, not what an elastic wall would make them feel.
-        force *= estimator.hold.share(adopted.fingers)[:, None]
+        share = estimator.hold.share(adopted.fingers)
+        force, spin = force * share[:, None], spin * share
     radius = np.full(k, estimator.settings.default_radius)
     if sample is not None and len(sample.finger) == k:
         radius = sample.radius
@@ -240,6 +299,7 @@ def contacts_of(estimator: Estimator, task: GraspTask) -> Seen:
         task.friction,
         UNIFORM_ARM * radius,
         force,
+        spin,
     )
     sigma = np.linalg.norm(posterior.root[:k], axis=1)
     across = np.linalg.norm(response.reaction_by @ posterior.root, axis=1).reshape(k, 2)

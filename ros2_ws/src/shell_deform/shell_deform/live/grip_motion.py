@@ -58,7 +58,8 @@ class GripPlan:
 
     Attributes:
         names: of the g grips. origins: (g, 3) about which they turn, undeformed [m].
-        alone: whether they are all that holds the object.
+        alone: whether they are all that holds the object, and free along none of the axes, which
+            do not turn with it.
     """
 
     names: tuple[str, ...]

@@ -99,4 +99,5 @@ class Gripping:
 def plan_of(model: ShellModel) -> GripPlan:
     """What the node has to know of the grips of a model."""
     origins = np.array([grip.origin for grip in model.grips]).reshape(-1, 3)
-    return GripPlan(tuple(grip.name for grip in model.grips), origins, model.supports is None)
+    bound = model.supports is not None or any(len(grip.free) for grip in model.grips)
+    return GripPlan(tuple(grip.name for grip in model.grips), origins, not bound)

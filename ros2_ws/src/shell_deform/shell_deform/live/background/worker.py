@@ -22,6 +22,7 @@ import time
 
 from shell_deform.building import build_model
 from shell_deform.live.background.courtesy import Courtesy
+from shell_deform.live.background.gripping import plan_of
 from shell_deform.live.background.load_case import load_of
 from shell_deform.live.background.motion import Motion
 from shell_deform.live.background.rest_shell import packed
@@ -176,15 +177,16 @@ def main() -> int:
         return 1
     memory, descriptor = share(solver)
     layout = memory.layout
+    plan = plan_of(solver.model)
     hello = {
         'vertices': layout.vertices,
         'triangles': layout.triangles,
         'outer': layout.outer,
         'theory': solver.model.theory,
         'thickness': float(solver.model.shell.thickness.mean()),
-        'grips': [grip.name for grip in solver.model.grips],
-        'origins': [grip.origin.tolist() for grip in solver.model.grips],
-        'alone': solver.model.supports is None,
+        'grips': plan.names,
+        'origins': plan.origins.tolist(),
+        'alone': plan.alone,
     }
     try:
         socket.send_fds(connection, [json.dumps(hello).encode() + b'\n'], [descriptor])

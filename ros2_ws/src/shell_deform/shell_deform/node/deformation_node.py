@@ -315,6 +315,8 @@ class DeformationNode(Node):
                 self.get_logger().info(
                     f'grasp not closed: {self._grasp.why}', throttle_duration_sec=5.0
                 )
+        if topics.later_wanted and estimator.hold is not None:
+            topics.later(estimator.hold.later(), served.stamp, self._frame)
         if self._learns and self.modulus is not None:
             self._learn(estimator, self.modulus)
 

@@ -7,6 +7,7 @@ Free of processes and shared memory, so that tests and offline runs can call it 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,11 @@ LIVE = TrackingOptions(step=4e-3)
 
 GOOD_CONTRACTION = 0.1
 """Columns serve on where the chord iterations on their tangent still contract so well."""
+
+FARTHEST_STEP = 0.25
+"""In real time a load case further than this many wall thicknesses is approached in parts, until a
+newer one has come: a long step costs more than its parts, and while it is solved the fingers get
+further away."""
 
 MOST_STATES = 3
 """States in a row that are served with the same columns."""
@@ -96,6 +102,8 @@ class LiveSolver:
         """Whether the grips of the last load case had moved."""
         self.motion: Motion | None = None
         """Whether to solve ahead of the contacts' motion: in real time alone."""
+        self.is_awaited: Callable[[], bool] = lambda: False
+        """In real time: whether a newer load case has come."""
         self._unload()
         unloaded = self.tracker.positions
         # The given control points themselves, where nothing inflates them: searches know these.
@@ -157,10 +165,10 @@ class LiveSolver:
             target = self._target(load, touches, before)
             if self.motion is not None:
                 target = self.motion.ahead(target, self.generation, began)
-            good, lost = self.tracker.state, self.share < 1.0
-            self.share = self.tracker.advance(target)
+            good, lost = self.tracker.state, bool(self.tracker.message)
+            self.share = self._approach(target)
             twice = bool(self.contacts.laid) or (bool(len(grips)) and not lost)
-            if self.share < 1.0 and twice and not self._nearly_at_rest():
+            if self.tracker.message and twice and not self._nearly_at_rest():
                 # A grasp taken up from the shape of another one may lead nowhere: once from rest.
                 self._let_go()
                 self._lay(touches)
@@ -171,6 +179,16 @@ class LiveSolver:
                     self.tracker.state = good
                     self.tracker.forget_tangent()
         self.seconds = time.perf_counter() - began
+
+    def _approach(self, target: Target) -> float:
+        """Go to `target`, or in real time until a newer load case has come; the share reached."""
+        if self.motion is None:
+            return self.tracker.advance(target)
+        while True:
+            near, part = self.tracker.within(target, FARTHEST_STEP * self._wall)
+            share = part * self.tracker.advance(near)
+            if part == 1.0 or self.tracker.message or self.is_awaited():
+                return share
 
     def start_over(self) -> None:
         """Back to the unloaded shell without contacts, after a load case that nobody can solve."""
@@ -214,12 +232,13 @@ class LiveSolver:
     @property
     def message(self) -> str:
         """Why the load case is not carried, or empty."""
-        return self.tracker.message
+        behind = 'the load case changes faster than the solver' if self.share < 1.0 else ''
+        return self.tracker.message or behind
 
     @property
     def columns_serve(self) -> bool:
         """Whether the next state is worth more than columns of the present one."""
-        good = self.tracker.contraction < GOOD_CONTRACTION and self.share == 1.0
+        good = self.tracker.contraction < GOOD_CONTRACTION and not self.tracker.message
         return self._condensed is not None and good and self._states < MOST_STATES
 
     def refine(self) -> bool:

@@ -36,6 +36,9 @@ SMALLEST_STEP = 1.0 / 256.0
 PATH = 6
 """States behind the present one that are kept: some of them may be too near to lead on."""
 
+BESIDE = 0.02
+"""A tangent serves for columns of states within this share of the wall thickness."""
+
 BALANCED = 1e-12
 """Unbalanced force, over that of the shell, which is round-off."""
 
@@ -120,6 +123,7 @@ class EquilibriumTracker:
         self._bare = model
         self._bare_rest: tuple[Tangent, SprungFactor] | None = None
         self._tangent: Tangent | None = None
+        self._tangent_at = np.zeros(0)
         self._pressures: PressureEquations | None = None
         self._factor: SprungFactor | None = None
         self._budget = self.options.tangents
@@ -247,17 +251,20 @@ class EquilibriumTracker:
             # The old factor goes first: two of them are the largest thing in memory.
             self._factor = self._system = None
             self._tangent = self.model.tangent(positions, self.model.held_target(grips))
+            self._tangent_at = (positions - self.model.start).reshape(-1)
             self._pressures = self.model.pressure_equations(positions)
             self._factor = factorise_sprung(self._solver, self._tangent)
             self.factorisations += 1
         self._system = CondensedSystem(self._factor, self._tangent, self._rows())
 
     def condense(self) -> Condensed:
-        """Columns about the present state, from a tangent taken there.
+        """Columns about the present state, from a tangent taken there or next to it.
 
-        The new factor also takes the Newton step that the chord iterations left over.
+        A new factor also takes the Newton step that the chord iterations left over.
         """
-        self._renew()
+        kept = self._tangent is not None
+        if not kept or np.abs(self.state.moved - self._tangent_at).max() > BESIDE * self._wall:
+            self._renew()
         system = self.system()
         if self._target is not None:
             self._polish(self._target)
@@ -307,6 +314,20 @@ class EquilibriumTracker:
             gradient=gradient + change,
             missing=np.zeros_like(state.missing),
         )
+
+    def within(self, target: Target, reach: float) -> tuple[Target, float]:
+        """A target on the way that moves no contact further than `reach` [m], and which share."""
+        start = self.here(target.driven)
+        moved = target.displacement - start.displacement
+        if not target.driven.all():
+            soft = self.system().compliance @ np.where(
+                target.driven, 0.0, target.force - start.force
+            )
+            moved = np.where(target.driven, moved, soft)
+        size = float(np.abs(moved).max(initial=0.0))
+        if not size > reach:
+            return target, 1.0
+        return _between(start, target, reach / size), reach / size
 
     def advance(self, target: Target) -> float:
         """Go towards `target` by as few steps as converge; returns the share that was reached.

@@ -110,6 +110,7 @@ class Loop:
         if request is None:
             return
         answers = int(request[0]['begin'])
+        self.solver.is_awaited = lambda: int(self.memory.request['begin'][0]) != answers
         load = load_of(request[0], self.resets, self.jumps)
         self.resets, self.jumps = int(request[0]['resets']), int(request[0]['jumps'])
         try:
@@ -121,8 +122,7 @@ class Loop:
                 # Columns of before the turn would say little about the shell after it.
                 self._publish(answers, fresh=False)
             # Columns can wait while they serve and a newer load case has come.
-            newer = int(self.memory.request['begin'][0]) != answers
-            wait = newer and self.solver.columns_serve and not turning
+            wait = self.solver.columns_serve and self.solver.is_awaited() and not turning
             if (not wait and self.solver.refine()) or turning:
                 self._publish(answers, fresh=True)
             if self.solver.motion is not None:

@@ -55,7 +55,7 @@ CHECKS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     'scan': ('10^6 mutations of scan files', ('tests/benchmarks/scan.py', 'damage', '--long')),
     'bags': (
-        '10^5 mutations, a 1 GB bag, 20 equal reports, 10 live runs',
+        '10^6 mutations, a 1 GB bag, 20 equal reports, 10 live runs',
         ('tests/benchmarks/bags.py', '--long'),
     ),
 }

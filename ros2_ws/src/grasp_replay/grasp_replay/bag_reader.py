@@ -156,6 +156,8 @@ def storage_kind(file: Path) -> str:
             head = stream.read(512)
     except OSError as error:
         raise BagError(f'{file} cannot be read: {error.strerror}') from error
+    if not head:
+        raise BagError(f'{file} is empty; copy or record it again')
     if head.startswith(ROS1_MAGIC):
         raise BagError(
             f'{file} is a ROS 1 bag; convert it first: '

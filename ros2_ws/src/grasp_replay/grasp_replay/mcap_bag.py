@@ -76,7 +76,7 @@ class McapBag(Bag):
             except Damage as damage:
                 raise damaged(file, str(damage)) from damage
         else:
-            self.notes.append(f'{file.name} has no index; it was read once to make one')
+            self.notes.append(f'{file.name} has no whole index; it was read once to make one')
             scan = scan_file(stream)
             if scan.loose_messages:
                 self.notes.append(

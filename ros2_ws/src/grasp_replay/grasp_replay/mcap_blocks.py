@@ -397,27 +397,32 @@ def _parse_summary(data: memoryview, stream: BinaryIO, size: int, end: int) -> S
         return None
     if summary.message_count and not summary.blocks:
         return None
+    if sum(summary.counts.values()) != summary.message_count:
+        return None
     known = summary.definitions.channels
     if any(channel_id not in known for channel_id in summary.counts):
         return None
-    return None if _messages_between(stream, covered, end) else summary
+    return summary if _covers_all(stream, covered, end) else None
 
 
-def _messages_between(stream: BinaryIO, covered: list[tuple[int, int]], end: int) -> bool:
-    """Do messages stand outside the chunks and their indexes, before byte `end`?
+def _covers_all(stream: BinaryIO, covered: list[tuple[int, int]], end: int) -> bool:
+    """Does the index name every chunk before byte `end` once, and no message stand outside them?
 
-    The format does not allow them in a file with chunks; where they are, no index names them.
+    The format does not allow loose messages in a file with chunks; where they are, no index names
+    them. A chunk named twice would give its messages twice, one left out would lose them.
     """
     position = len(MAGIC)
     for start, stop in [*sorted(covered), (end, end)]:
+        if position > start:
+            return False
         while position < start:
             stream.seek(position)
             head = stream.read(RECORD_PREFIX.size)
-            if len(head) < RECORD_PREFIX.size or head[0] == MESSAGE:
-                return True
+            if len(head) < RECORD_PREFIX.size or head[0] in (MESSAGE, CHUNK):
+                return False
             position += RECORD_PREFIX.size + RECORD_PREFIX.unpack(head)[1]
         position = stop
-    return False
+    return True
 
 
 def file_size(stream: BinaryIO) -> int:

@@ -390,6 +390,9 @@ class _Walk:
         self.result.unchecked_blocks += not block.crc
         if counts:
             self.result.blocks.append(CheckedBlock(block, start, end, counts))
+            if block.compression is not None and not block.start <= start <= end <= block.end:
+                place = block.record_start
+                self._lose(place, place, 'a chunk holds messages outside the times it declares')
 
     def _extend_run(self, position: int, end: int, body: bytes) -> None:
         if end - position < RECORD_PREFIX.size + MESSAGE_PREFIX.size or len(body) < 2:

@@ -9,6 +9,7 @@ import sqlite3
 import struct
 from pathlib import Path
 
+import bag_mutations
 import lz4.frame
 import mcap_bytes as m
 import pytest
@@ -42,18 +43,21 @@ def _texts(path: Path) -> list[str]:
 
 
 def _two_chunks(
-    first: bytes, second: bytes, times: tuple[int, int, int, int], counts: dict[int, int]
+    first: bytes,
+    second: bytes,
+    times: tuple[int, int, int, int],
+    counts: dict[int, int],
+    named: tuple[int, ...] = (0, 1),
 ) -> bytes:
-    """A file of two chunks with an index that names both."""
+    """A file of two chunks and an index that names those of these numbers."""
     one, two = m.chunk(first, *times[:2]), m.chunk(second, *times[2:])
     place = len(m.MAGIC) + len(m.header())
-    summary = (
-        m.schema()
-        + m.channel()
-        + m.statistics(counts, 2, times[0], times[3])
-        + m.chunk_index(place, one, *times[:2])
-        + m.chunk_index(place + len(one), two, *times[2:])
+    index = (
+        m.chunk_index(place, one, *times[:2]),
+        m.chunk_index(place + len(one), two, *times[2:]),
     )
+    summary = m.schema() + m.channel() + m.statistics(counts, len(named), times[0], times[3])
+    summary += b''.join(index[number] for number in named)
     return m.whole(m.header() + one + two, summary)
 
 
@@ -355,3 +359,49 @@ def test_recovery_keeps_what_channels_and_metadata_say_beside_the_messages(
 def test_a_type_that_the_file_does_not_define_is_named(tmp_path: Path) -> None:
     path = _file(tmp_path, m.whole(m.header() + m.channel(schema_id=7) + m.message(1, b'')))
     assert any('the type of /a is not defined' in note for note in check(path)['notes'])
+
+
+HALVES = (
+    m.schema() + m.channel() + m.message(1, m.cdr('a')) + m.message(2, m.cdr('b')),
+    m.message(3, m.cdr('c')) + m.message(4, m.cdr('d')),
+)
+
+
+@pytest.mark.parametrize('named', [(0,), (1,), (0, 0), (0, 1, 1), (1, 0)])
+def test_an_index_that_names_a_chunk_twice_or_not_at_all_is_not_followed(
+    tmp_path: Path, named: tuple[int, ...]
+) -> None:
+    path = _file(tmp_path, _two_chunks(*HALVES, (1, 2, 3, 4), {1: 4}, named))
+    assert _texts(path) == ['a', 'b', 'c', 'd']
+    assert check(path)['messages'] == 4
+
+
+@pytest.mark.parametrize('counts', [{1: 3}, {1: 5}, {}])
+def test_a_false_count_in_an_index_is_named_beside_the_true_one(
+    tmp_path: Path, counts: dict[int, int]
+) -> None:
+    path = _file(tmp_path, _two_chunks(*HALVES, (1, 2, 3, 4), counts))
+    report = check(path)
+    assert (report['messages'], report['topics'][0]['messages']) == (4, 4)
+    said = f'the index declares {counts.get(1)} messages on /a, 4 are there'
+    assert (said in report['notes']) == bool(counts)
+
+
+def test_a_chunk_whose_times_are_false_is_damage_for_every_reader(tmp_path: Path) -> None:
+    path = _file(tmp_path, _two_chunks(*HALVES, (1, 2, 3, 3), {1: 4}))
+    with pytest.raises(BagError, match='outside the times it declares'):
+        _texts(path)
+    report = check(path, tmp_path / 'saved')
+    assert 'outside the times it declares' in report['lost'][0]['reason']
+    assert _texts(tmp_path / 'saved') == ['a', 'b', 'c', 'd']
+
+
+def test_an_empty_file_is_named(tmp_path: Path) -> None:
+    for read in (open_bag, check):
+        with pytest.raises(BagError, match='is empty; copy or record it again'):
+            read(_file(tmp_path, b''))
+
+
+def test_damaged_bags_of_every_form_end_in_a_sentence_or_in_true_messages(tmp_path: Path) -> None:
+    read, _ = bag_mutations.run(400, 4, tmp_path)
+    assert 0 < read < 400

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -83,6 +84,7 @@ def _check_mcap(
     if examination.sound:
         with open_bag(path) as bag:
             report = _report(path, bag)
+        _count_again(report, examination)
     else:
         if not any(
             scan.blocks or scan.definitions.channels or scan.attachments or scan.metadata
@@ -137,12 +139,28 @@ def _remarks(examination: Examination) -> list[str]:
             f'the type of {", ".join(untyped)} is not defined in the file: its messages can be '
             'saved, not decoded or replayed'
         )
-    if examination.declared not in (None, examination.message_count) and examination.sound:
-        notes.append(
-            f'the index declares {examination.declared} messages, {examination.message_count} '
-            'are there'
-        )
     return notes
+
+
+def _count_again(report: dict[str, Any], examination: Examination) -> None:
+    """Put the messages that were found in place of those that the index declares, and say so."""
+    found = _found_by_topic(examination)
+    for topic in report['topics']:
+        declared, topic['messages'] = topic['messages'], found.get(topic['name'], 0)
+        if declared != topic['messages']:
+            report['notes'].append(
+                f'the index declares {declared} messages on {topic["name"]}, '
+                f'{topic["messages"]} are there'
+            )
+    report['messages'] = examination.message_count
+
+
+def _found_by_topic(examination: Examination) -> Counter[str]:
+    found: Counter[str] = Counter()
+    for scan in examination.scans:
+        for channel in scan.definitions.channels.values():
+            found[channel.topic] += sum(block.counts.get(channel.id, 0) for block in scan.blocks)
+    return found
 
 
 def _report(path: Path, bag: Bag) -> dict[str, Any]:
@@ -170,19 +188,19 @@ def _report(path: Path, bag: Bag) -> dict[str, Any]:
 
 def _damaged_report(path: Path, examination: Examination, notes: list[str]) -> dict[str, Any]:
     topics: dict[str, dict[str, Any]] = {}
+    found = _found_by_topic(examination)
     for scan in examination.scans:
         for channel in scan.definitions.channels.values():
             schema = scan.definitions.schemas.get(channel.schema_id)
-            topic = topics.setdefault(
+            topics.setdefault(
                 channel.topic,
                 {
                     'name': channel.topic,
                     'type': schema.name if schema else '',
-                    'messages': 0,
+                    'messages': found[channel.topic],
                     'serialization': channel.encoding,
                 },
             )
-            topic['messages'] += sum(block.counts.get(channel.id, 0) for block in scan.blocks)
     notes = list(notes)
     if examination.nameless:
         notes.append(

@@ -83,7 +83,7 @@ def test_the_error_of_the_linear_step_is_reported_honestly(model, truth):
     force, surface = truth.at(4.5e-3)
     served = pipeline.tick(squeeze(force, 4.5e-3, stamp=3))
     real = error(served.packed, surface)
-    assert 0.3 * real < served.extrapolation < 8.0 * real
+    assert 0.3 * real < served.extrapolation < 5.0 * real
 
 
 @pytest.mark.parametrize('step', [1e-3, 2e-3, 4e-3])

@@ -81,6 +81,7 @@ class LiveSolver:
         self._limit_columns: Array | None = None
         self._condensed_at = np.zeros(0)
         self._states = 0
+        self._exactly = True
         self._inputs_at: Array | None = None
         self._load: Load | None = None
         self._pose_in_use = IDENTITY
@@ -251,7 +252,8 @@ class LiveSolver:
             return self._grasp.renew(tracker, self._feet, self._condensed, moved=False)
         old, old_columns, old_state = self._condensed, self._limit_columns, self._condensed_at
         old_inputs = self._inputs_at
-        self._condensed = tracker.condense()
+        self._exactly = not (tracker.is_beside and self.is_awaited())
+        self._condensed = tracker.condense(self._exactly)
         self._states = 0
         self._limit_columns = self._to_limit(self._condensed.fields)
         self._condensed_at = tracker.state.moved

@@ -37,7 +37,9 @@ PATH = 6
 """States behind the present one that are kept: some of them may be too near to lead on."""
 
 BESIDE = 0.02
-"""A tangent serves for columns of states within this share of the wall thickness."""
+"""While newer load cases wait, a tangent gives the columns of states within this share of the wall
+thickness. It may be that of an iteration without balance: its stresses, and by them the stiffness,
+are off by some percent."""
 
 BALANCED = 1e-12
 """Unbalanced force, over that of the shell, which is round-off."""
@@ -257,13 +259,19 @@ class EquilibriumTracker:
             self.factorisations += 1
         self._system = CondensedSystem(self._factor, self._tangent, self._rows())
 
-    def condense(self) -> Condensed:
-        """Columns about the present state, from a tangent taken there or next to it.
+    @property
+    def is_beside(self) -> bool:
+        """Whether the tangent at hand was taken next to the present state."""
+        if self._tangent is None:
+            return False
+        return bool(np.abs(self.state.moved - self._tangent_at).max() < BESIDE * self._wall)
+
+    def condense(self, exactly: bool = True) -> Condensed:
+        """Columns about the present state; not `exactly`: by the tangent at hand.
 
         A new factor also takes the Newton step that the chord iterations left over.
         """
-        kept = self._tangent is not None
-        if not kept or np.abs(self.state.moved - self._tangent_at).max() > BESIDE * self._wall:
+        if exactly:
             self._renew()
         system = self.system()
         if self._target is not None:

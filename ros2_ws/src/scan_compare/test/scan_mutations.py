@@ -24,7 +24,7 @@ _WORDS = [
     b'property list uchar int x\n',
     b'format ascii 1.0\n', b'{', b'}', b'[', b']', b'"', b'#', b'\\\n', b'\r', b'\0', b'\xff\xfe',
     b'USE S', b'DEF S ', b'f 1 2 3\n', b'f -1 -2 -3 -4\n', b'v 1 2 3\n', b'facet normal 0 0 1\n',
-    b'\xb2', '\u0663'.encode(), b',', b';', b'\t', b'-0',
+    b'\xb2', b'\x1f', b'\x85', '\u0663'.encode(), b',', b';', b'\t', b'-0',
 ]  # fmt: skip
 
 

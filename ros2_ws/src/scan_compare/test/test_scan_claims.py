@@ -57,6 +57,7 @@ def test_decimal_commas_between_commas_are_refused_whatever_their_digits() -> No
 
 def test_a_count_that_is_too_small_is_named_as_wrong() -> None:
     _refused(f'20 \r\n{_table(SPHERE)}', '.pts', 'declares 20 points but 40 follow; its count')
+    _refused(f'40\x1f\n{_table(SPHERE)}', '.pts', 'a line with 1 columns')
     _refused(f'40\t\n{_table(SPHERE[:20])}', '.pts', 'declares 40 points but 20 follow.*cut')
 
 

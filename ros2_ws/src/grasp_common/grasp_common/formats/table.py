@@ -207,7 +207,7 @@ def _front(data: bytes) -> _Front:
             front.comments += [comment] if comment and not front.rows else []
         elif front.rows:
             front.rows.append(line)
-        elif _WHOLE.match(line.strip()) and not front.titles:
+        elif _WHOLE.match(line.strip(' \t')) and not front.titles:
             if front.declared is not None:
                 raise ScanFileError('two numbers alone in front, as in PTX; export PTS or PLY')
             front.declared = int(line)

@@ -102,6 +102,17 @@ def test_a_squeeze_that_does_not_converge_is_told_and_not_ranked():
     assert ranking([deep]) == []
 
 
+def test_a_thick_wall_is_mapped_too():
+    found = map_grasp(replace(REQUEST, theory='thick', depth=1e-3), 0)
+    assert 'failed' not in found
+    thin = map_grasp(replace(REQUEST, depth=1e-3), 0)
+    assert found['worst_slip_n'] > 0.0 and found['smallest_stiffness_n_m'] > 0.0
+    assert found['push_n'] == pytest.approx(thin['push_n'], rel=0.3)
+    assert 'compared with no solid' in found['stress_unresolved']
+    assert 'ask for more control vertices' in thin['stress_unresolved']
+    assert thin['stress_sigma_pa'] > thin['largest_stress_pa']
+
+
 def test_three_pins_close_on_one_point_in_a_plane():
     place = workplace(REQUEST.object_name, REQUEST.vertices, REQUEST.theory)
     for number in range(5):

@@ -100,7 +100,7 @@ def test_first_slip_is_that_of_the_whole_solve(pipeline):
     solver = pipeline.solver
     tracker, patches = solver.tracker, solver.contacts.patches
     state = SimpleNamespace(
-        positions=tracker.positions, force=tracker.state.force,
+        positions=tracker.positions, unknowns=tracker.unknowns, force=tracker.state.force,
         multipliers=tracker.state.multipliers,
     )  # fmt: skip
     grasp = read_contacts(solver.model, patches, state, 0.3)

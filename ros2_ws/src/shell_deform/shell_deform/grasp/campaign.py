@@ -18,6 +18,7 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
+from shell_deform.compiled.halves import keep_to_one_core
 from shell_deform.grasp.mapping import MapRequest, described, map_grasp
 
 ATTEMPTS = 3
@@ -101,6 +102,7 @@ def _on_processes(
         with ProcessPoolExecutor(
             max_workers=max(1, min(int(processes), len(waiting))),
             mp_context=multiprocessing.get_context('spawn'),
+            initializer=keep_to_one_core,
         ) as pool:
             futures = {
                 pool.submit(run_batch, request, batch, folder): number

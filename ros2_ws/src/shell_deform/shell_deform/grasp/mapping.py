@@ -16,7 +16,7 @@ from shell_deform.grasp.capacity import liftable_mass
 from shell_deform.grasp.cone import ConeError
 from shell_deform.grasp.contacts import GraspError
 from shell_deform.grasp.measures import Doubt, Held, Task, measure
-from shell_deform.grasp.reading import read_contacts, read_response, wall_reader
+from shell_deform.grasp.reading import normal_sigma, read_contacts, read_response, wall_reader
 from shell_deform.grasp.sampling import PinGrasp, SamplingError, sample_grasp
 from shell_deform.grasp.stiffness import rigid_share, squeeze_work
 from shell_deform.grasp.window import UNLIMITED, Limits, window_of_curve
@@ -28,8 +28,8 @@ from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
 Array = NDArray[np.float64]
 
 STEPS = 4
-POINT_SIGMA, NORMAL_SIGMA = 2e-4, 0.02
-"""Of contacts of the model: half a pin's mounting [m], what a mesh this coarse leaves [rad]."""
+POINT_SIGMA = 2e-4
+"""Of contacts of the model: half a pin's mounting [m]."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def _measured(
     pins: tuple[Any, ...],
     states: list[Equilibrium],
 ) -> dict[str, Any]:
-    model, count = place.model, len(pins)
+    model, count = place.model.on_contacts(pins), len(pins)
     grasps = [read_contacts(model, pins, state, request.friction) for state in states]
     response = read_response(place.solver, pins, states[-1], grasps[-1])
     reader = wall_reader(model, pins)
@@ -150,7 +150,10 @@ def _measured(
         before = state.force, state.displacement
     task = Task(request.mass, request.down, request.friction_sigma)
     doubt = Doubt(
-        np.zeros(count), np.zeros(count), np.full(count, POINT_SIGMA), np.full(count, NORMAL_SIGMA)
+        np.zeros(count),
+        np.zeros(count),
+        np.full(count, POINT_SIGMA),
+        np.full(count, normal_sigma(model)),
     )
     held = Held(
         response.centre, response.sharing, response.compliance, states[-1].energy, limits[-1]

@@ -19,7 +19,7 @@ from shell_deform.grasp.contacts import UNIFORM_ARM, GraspContacts, contacts
 from shell_deform.grasp.slip import Sharing
 from shell_deform.grasp.window import UNKNOWN
 from shell_deform.model import ShellModel
-from shell_deform.readout import principal, read_out, von_mises
+from shell_deform.readout import principal, read_out, von_mises, wall_ratio
 from shell_deform.solve.borders import borders
 from shell_deform.solve.equilibrium import Equilibrium, displaced
 from shell_deform.solve.newton import EquilibriumSolver
@@ -34,6 +34,10 @@ SMALL_LOAD = 1e-3
 
 HELD_ROWS = 3
 """Of a held patch: two lateral motions and the spin."""
+
+NORMAL_SIGMA, NORMAL_SIGMA_THIN = 0.02, 0.6
+"""Sigma of a deformed normal [rad], and of a thin theory as much more per h/R: fibres that do not
+shear turn too far (3 degrees at R/h 12.5, `verification/solid_grasps.json`)."""
 
 STRESS_SIGMA = 0.03
 """Relative sigma [-] of a resolved stress, by solids (`verification/solid_dents.json`)."""
@@ -122,6 +126,13 @@ def outer_feet(model: ShellModel, patches: tuple[ContactPatch, ...]) -> OuterFee
     return OuterFeet(rows, 0.5 * wall, edges.max(axis=1, initial=0.0), bending)
 
 
+def normal_sigma(model: ShellModel) -> float:
+    """Sigma of the deformed normals [rad] under a model's theory."""
+    if isinstance(model.shell, ThickShell):
+        return NORMAL_SIGMA
+    return float(np.hypot(NORMAL_SIGMA, NORMAL_SIGMA_THIN * wall_ratio(model)))
+
+
 def read_contacts(
     model: ShellModel,
     patches: tuple[ContactPatch, ...],
@@ -174,12 +185,17 @@ def read_response(
     `grasp`: the contacts there, whose normals turn under the load as well. Raises
     SingularMatrixError where the fingers do not hold the object at all.
     """
-    model = solver.model
+    model = solver.model.on_contacts(patches)
+    if model is not solver.model:
+        solver = EquilibriumSolver(model)
     count = len(patches)
     centre, loads = body_loads(body_mass(model), state.positions)
     edge = borders(model, displaced(patches, np.zeros(count)))
-    system = solver.system(model.tangent(state.positions), edge)
-    motion, border = system.solve(loads)
+    system = solver.system(model.tangent(state.unknowns), edge)
+    # A thick wall has more unknowns than its control points.
+    padded = np.concatenate([loads, np.zeros((model.start.size - len(loads), 6))])
+    motion, border = system.solve(padded)
+    motion = motion[: len(loads)]
     held = border[count : count + HELD_ROWS * count].reshape(count, HELD_ROWS, -1)
     answer = Answer(centre, loads, motion, border[:count], held)
     return answered(patches, outer_feet(model, patches), state.positions, grasp, answer)

@@ -39,6 +39,19 @@ def test_what_a_package_imports_of_ours_is_declared(path: Path) -> None:
             assert declared.count(name) >= 2, f'{path.parent.name} does not declare {name}'
 
 
+def test_no_package_names_a_host_that_nobody_runs() -> None:
+    paper = next(
+        one['url']
+        for one in yaml.safe_load((ROOT / 'CITATION.cff').read_text())['references']
+        if 'url' in one
+    )
+    for path in PACKAGES:
+        assert ElementTree.parse(path).find('url') is None
+        addresses = re.findall(r'https?://[^\s\'"]+', (path.parent / 'setup.py').read_text())
+        assert addresses == [paper]
+    assert 'no `<url>`' in (ROOT / 'CONTRIBUTING.md').read_text()
+
+
 def test_the_citation_is_of_this_version_and_names_the_paper() -> None:
     cited = yaml.safe_load((ROOT / 'CITATION.cff').read_text())
     numbers = {ElementTree.parse(path).getroot().findtext('version') for path in PACKAGES}

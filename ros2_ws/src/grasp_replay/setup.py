@@ -46,6 +46,9 @@ setup(
     long_description=(HERE / 'README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     license=ABOUT.findtext('license'),
+    project_urls={
+        'Paper': 'http://www.cs.iastate.edu/~jia/papers/abstracts/TRO-submit09-abs.html'
+    },
     entry_points={
         'console_scripts': [
             'replay = grasp_replay.programs:replay',

@@ -31,7 +31,7 @@ def test_links_to_files_lead_somewhere(page: Path) -> None:
 COMMANDS = tuple(name for names in EXECUTABLES.values() for name in names)
 # What a command gets: up to the end of its code span, of its line, or of what a shell joins.
 CALL = re.compile(
-    rf'(?:^ *|`|run \w+ |\| |&& )({"|".join(COMMANDS)})((?: [^`\n|&#]*(?:\\\n)?)+)', re.MULTILINE
+    rf'(?:^ *|`|run \w+ |\| |&& )({"|".join(COMMANDS)})((?: (?:[^`\n|&#\\]|\\\n)*)+)', re.MULTILINE
 )
 
 

@@ -63,8 +63,9 @@ bags: setup  ## the recordings again, from the kept solid solutions
 pictures: setup  ## the pictures of README and docs again
 	@$(BIN)/python -m docs.make_pictures
 
-tables: setup  ## the parameter tables of the package READMEs and the picture of the rooms again
+tables: setup  ## the tables of parameters (package READMEs) and options (docs/options.md) and the picture of the rooms again
 	@$(BIN)/python -m docs.parameter_tables
+	@$(BIN)/python -m docs.option_tables
 	@$(BIN)/python -m docs.rooms
 
 docs: setup  ## the documentation site in out/site, with a reference from the docstrings

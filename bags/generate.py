@@ -51,7 +51,7 @@ def calibrate(seed: int, folder: Path) -> Path:
     weights, out = folder / 'weighings.csv', folder / 'calibration.yaml'
     for arguments in (
         ['hand_emulator', '--seed', str(seed), '--weigh', str(weights), '--once'],
-        ['hand_calibrate', str(weights), '--out', str(out), '--serial-number', str(seed)],
+        ['hand_calibrate', str(weights), '--calibration', str(out), '--serial-number', str(seed)],
     ):
         subprocess.run(
             [str(BIN / arguments[0]), *arguments[1:]],

@@ -4,7 +4,7 @@
 Two truths that share no code with the model. Shells of 2, 2.5 and 3 mm by the axisymmetric solver,
 scanned with noise and a misplaced scan, fitted from 2.5 mm. The recorded two-finger grasp, a
 finite-element solid of 2.5 mm: its scans are registered by the pipeline, with a model of the
-thickness that the fit starts from, and `shell_identify --thickness` reads them from a table.
+thickness that the fit starts from, and `shell_identify --fit-thickness` reads them from a table.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def recorded(start_m: float, folder: Path) -> None:
     outcome = run(BAG, PipelineOptions(young=young, changes={'thickness_m': start_m}))
     shell = folder / 'ball.yaml'
     shell.write_text(yaml.safe_dump({**content, 'thickness_m': start_m}))
-    shell_identify.main([str(_table(outcome, folder)), '--object', str(shell), '--thickness'])
+    shell_identify.main([str(_table(outcome, folder)), '--object', str(shell), '--fit-thickness'])
 
 
 def _table(outcome: Outcome, folder: Path) -> Path:

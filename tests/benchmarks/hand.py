@@ -211,7 +211,7 @@ def node_rows(seconds: float) -> Iterator[Row]:
         faults = STRIKES * ('--fault', 'mute@signal:0.1')
         with emulator('--weigh', str(table), *faults) as (port, process):
             with redirect_stdout(io.StringIO()):
-                hand_calibrate.main([str(table), '--out', str(calibration)])
+                hand_calibrate.main([str(table), '--calibration', str(calibration)])
             bridge = subprocess.Popen(
                 [str(BIN / 'hand_bridge'), '--ros-args', '-p', f'port:={port}']
                 + ['-p', f'calibration:={calibration}', '-p', 'initialize_on_start:=true']

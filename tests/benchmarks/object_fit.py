@@ -142,8 +142,8 @@ def first_surface_rows(points: int) -> Iterator[Row]:
         trimesh.Trimesh(1e3 * vertices, faces, process=False).export(file)
         start = time.perf_counter()
         subprocess.run(
-            [programs / 'object_prepare', file, '--unit', 'mm', '--thickness-m', '0.001',
-             '--young-modulus-pa', '2e6', '--poisson-ratio', '0.45',
+            [programs / 'object_prepare', file, '--unit', 'mm', '--thickness', '0.001',
+             '--young', '2e6', '--poisson', '0.45',
              '--contact', f'0,0,{height},0.002', '--out', folder],
             check=True, stdout=subprocess.DEVNULL,
         )  # fmt: skip

@@ -42,7 +42,7 @@ class OwnEmulator:
         ]
         command += ['--seed', str(seed), '--weigh', str(weighings)]
         if object_file:
-            command += ['--object', object_file]
+            command += ['--squeezed', object_file]
         self._process = subprocess.Popen(
             command,
             stdout=subprocess.PIPE,

@@ -213,7 +213,7 @@ def test_hand_calibrate_writes_file_plot_and_one_json_document(tmp_path, capsys)
     table = tmp_path / 'weights.csv'
     table.write_text('\n'.join(weighing_table(HandMechanics(HandBody(), 5), 5)))
     out, plot = tmp_path / 'hand.yaml', tmp_path / 'fit.png'
-    arguments = [str(table), '--out', str(out), '--plot', str(plot), '--json']
+    arguments = [str(table), '--calibration', str(out), '--plot', str(plot), '--json']
     assert hand_calibrate.main(arguments) == 0
     document = json.loads(capsys.readouterr().out)
     assert len(document['fingers']['1']['residual_nm']) == 21
@@ -225,7 +225,7 @@ def test_a_picture_of_an_unknown_kind_is_refused_with_one_sentence(tmp_path, cap
     table = tmp_path / 'weights.csv'
     table.write_text('\n'.join(weighing_table(HandMechanics(HandBody(), 5), 5)))
     out = tmp_path / 'hand.yaml'
-    arguments = [str(table), '--out', str(out), '--plot', str(tmp_path / 'fit.xyz')]
+    arguments = [str(table), '--calibration', str(out), '--plot', str(tmp_path / 'fit.xyz')]
     assert hand_calibrate.main(arguments) == 1
     assert 'fit.xyz' in capsys.readouterr().err
 
@@ -241,7 +241,7 @@ def test_an_unloaded_gauge_may_read_what_a_tenth_of_a_newton_metre_gives(tmp_pat
 def test_hand_calibrate_prints_every_residual(tmp_path, capsys):
     table = tmp_path / 'weights.csv'
     table.write_text('\n'.join(weighing_table(HandMechanics(HandBody(), 5), 5)))
-    assert hand_calibrate.main([str(table), '--out', str(tmp_path / 'hand.yaml')]) == 0
+    assert hand_calibrate.main([str(table), '--calibration', str(tmp_path / 'hand.yaml')]) == 0
     assert capsys.readouterr().out.count('1.1768') == 3
 
 
@@ -258,7 +258,7 @@ def test_hand_calibrate_prints_every_residual(tmp_path, capsys):
 def test_hand_calibrate_fails_with_one_sentence(text, complaint, tmp_path, capsys):
     table = tmp_path / 'weights.csv'
     table.write_text(text)
-    assert hand_calibrate.main([str(table), '--out', str(tmp_path / 'out.yaml')]) == 1
+    assert hand_calibrate.main([str(table), '--calibration', str(tmp_path / 'out.yaml')]) == 1
     error = capsys.readouterr().err
     assert complaint in error
     assert not (tmp_path / 'out.yaml').exists()

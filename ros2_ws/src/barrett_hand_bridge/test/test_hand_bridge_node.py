@@ -143,7 +143,7 @@ def calibration(tmp_path):
     table = tmp_path / 'weights.csv'
     table.write_text('\n'.join(weighing_table(HandMechanics(HandBody(), 1), 1)))
     path = tmp_path / 'calibration.yaml'
-    hand_calibrate.main([str(table), '--out', str(path), '--serial-number', '1'])
+    hand_calibrate.main([str(table), '--calibration', str(path), '--serial-number', '1'])
     return path
 
 
@@ -505,7 +505,7 @@ def test_actions_move_the_hand_with_feedback_and_can_be_cancelled(
     from control_msgs.msg import JointTolerance
     from rclpy.action import ActionClient
 
-    port, _ = emulated(start, '--object', ball)
+    port, _ = emulated(start, '--squeezed', ball)
     bridge(start, f'port:={port}', f'calibration:={calibration}', 'initialize_on_start:=true')
     listener.until(lambda: listener.contacts)
     assert listener.call('hand/tare').success

@@ -268,7 +268,7 @@ def test_an_emulator_that_waits_for_its_starter_ends_cleanly_by_a_signal(number)
 @pytest.mark.parametrize(
     ('options', 'code', 'complaint'),
     [
-        (('--object', 'no.yaml'), 1, 'no.yaml'),
+        (('--squeezed', 'no.yaml'), 1, 'no.yaml'),
         (('--hand', '280', '--interface', 'nonsense'), 1, 'nonsense'),
         (('--weigh', '/nowhere/weights.csv'), 1, '/nowhere/weights.csv'),
         (('--fault', 'meteor@1'), 2, "fault 'meteor@1'"),

@@ -12,7 +12,7 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 
 from grasp_common.terminal import complain
@@ -103,16 +103,32 @@ def _with_version(package: str, parser: argparse.ArgumentParser) -> argparse.Arg
 
 
 def parse(
-    package: str, parser: argparse.ArgumentParser, arguments: Sequence[str] | None = None
+    package: str,
+    parser: argparse.ArgumentParser,
+    arguments: Sequence[str] | None = None,
+    renamed: Mapping[str, str] | None = None,
 ) -> argparse.Namespace:
-    """Parse the arguments of a command of `package`; complete them where a shell asks for it."""
+    """Parse the arguments of a command of `package`; complete them where a shell asks for it.
+
+    renamed: earlier names of options; they are taken, and their user is told the name of today.
+    """
     _with_version(package, parser)
     if '_ARGCOMPLETE' in os.environ:
         import argcomplete
 
         argcomplete.autocomplete(parser)
     given = sys.argv[1:] if arguments is None else arguments
+    given = [_of_today(parser.prog, word, renamed or {}) for word in given]
     return parser.parse_args(with_negative_values(given))
+
+
+def _of_today(program: str, word: str, renamed: Mapping[str, str]) -> str:
+    """A word of a command line with the name that its option has now."""
+    name, equals, value = word.partition('=')
+    if name not in renamed:
+        return word
+    complain(program, f'{name} is called {renamed[name]} now')
+    return renamed[name] + equals + value
 
 
 def with_negative_values(arguments: Sequence[str]) -> list[str]:

@@ -220,7 +220,7 @@ def _fitted(
     if not depths or min(depths) <= 0.0:
         raise BagError(
             'the first scan under load shows no dent at the contacts to fit a modulus to; give '
-            '--young object'
+            '--modulus object'
         )
     young = shell.fit_young(row.patches, row.contacts.push, float(np.mean(depths)))
     fitted = shell.with_young(young)

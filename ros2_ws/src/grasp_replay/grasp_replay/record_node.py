@@ -31,11 +31,12 @@ from grasp_common.main_node import (
 from grasp_common.messages import diagnostics
 from grasp_common.terminal import complain, status_line
 from grasp_replay.arguments_node import split_ros_arguments
-from grasp_replay.bag_writer import COMPRESSIONS, BagWriter
+from grasp_replay.bag_writer import BagWriter
 from grasp_replay.cdr import has_header, header_stamp
 from grasp_replay.errors import BagError
 from grasp_replay.messages import from_endpoint, message_class, type_hash
 from grasp_replay.qos import common_offer, qos_text
+from grasp_replay.record_options import build_parser
 from grasp_replay.topic_selection import TopicSelection
 
 DISCOVERY_PERIOD = 0.1
@@ -179,31 +180,6 @@ class RecordNode(Node):
                     self.failure = error
 
         return run
-
-
-def build_parser() -> argparse.ArgumentParser:
-    """The command line of `record`."""
-    parser = argparse.ArgumentParser(
-        prog='record', description='Record topics into a crash-safe MCAP bag (rosbag2 layout).'
-    )
-    parser.add_argument('topics', nargs='*', help='topics to record (absolute names)')
-    parser.add_argument('-a', '--all', action='store_true', help='every topic that is not hidden')
-    parser.add_argument('-o', '--output', type=Path, help='new directory (default: by the date)')
-    parser.add_argument('-e', '--regex', help='also topics whose whole name matches')
-    parser.add_argument('-x', '--exclude-regex', help='not topics whose whole name matches')
-    parser.add_argument('--exclude-topics', nargs='+', default=[], metavar='TOPIC')
-    parser.add_argument('--compression', choices=sorted(COMPRESSIONS), default='zstd')
-    parser.add_argument(
-        '--time',
-        choices=('received', 'clock', 'header'),
-        default='received',
-        help='where log times come from: arrival here, the ROS clock, or the stamp in the header '
-        '(the ROS clock for messages without one)',
-    )
-    parser.add_argument('--use-sim-time', action='store_true', help='the ROS clock follows /clock')
-    parser.add_argument('-d', '--duration', type=float, help='stop after this many seconds')
-    parser.add_argument('--json', action='store_true', help='print the summary as JSON')
-    return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

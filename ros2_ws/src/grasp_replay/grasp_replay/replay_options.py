@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from grasp_common.command_line import parse
+from grasp_common.command_line import parse, usage_of
+from grasp_common.options import add
 from grasp_replay.errors import BagError
 from grasp_replay.lockstep import LockstepRule, parse_rule
 from grasp_replay.qos import QosProfile, read_overrides
@@ -54,54 +55,73 @@ def build_parser() -> argparse.ArgumentParser:
         'parameters, also while it runs: rate (bag seconds per second), position_s (s from the '
         'start of the bag: setting it goes on from there)',
     )
-    add = parser.add_argument
-    add('bag', type=Path, help='bag directory, .mcap or .db3 file')
-    add('-r', '--rate', type=float, default=1.0, help='bag seconds per second (default 1)')
-    add('--topics', nargs='+', default=[], metavar='TOPIC', help='only these')
-    add('-e', '--regex', help='only topics whose whole name matches')
-    add('--exclude-topics', nargs='+', default=[], metavar='TOPIC')
-    add('-x', '--exclude-regex', help='not topics whose whole name matches')
-    add('-m', '--remap', nargs='+', default=[], metavar='OLD:=NEW')
-    add('-l', '--loop', action='store_true', help='begin again at the end')
-    add('-d', '--delay', type=_seconds, default=0.0, metavar='S', help='wait before the start')
-    add('--start-offset', type=_seconds, default=0.0, metavar='S', help='skip the first S seconds')
-    add('--playback-duration', type=_seconds, metavar='S', help='bag seconds to play')
-    add('--playback-until-sec', type=_seconds, metavar='S', help='stop at S seconds of the bag')
-    add('-p', '--start-paused', action='store_true')
-    add(
+    own = parser.add_argument
+    own('bag', type=Path, help='bag directory, .mcap or .db3 file')
+    own(
+        '-r',
+        '--rate',
+        type=float,
+        default=1.0,
+        metavar='FACTOR',
+        help='bag seconds per second (default 1)',
+    )
+    own('--topics', nargs='+', default=[], metavar='TOPIC', help='only these')
+    add(parser, '--regex', ', and no others', short=('-e',))
+    add(parser, '--exclude-topics', default=[])
+    add(parser, '--exclude-regex', short=('-x',))
+    own(
+        *('-m', '--remap'), nargs='+', default=[], metavar='OLD:=NEW',
+        help='publish a topic by another name',
+    )  # fmt: skip
+    own('-l', '--loop', action='store_true', help='begin again at the end')
+    own('-d', '--delay', type=_seconds, default=0.0, metavar='S', help='wait before the start [s]')
+    own('--start-offset', type=_seconds, default=0.0, metavar='S', help='where to begin [s]')
+    own('--playback-duration', type=_seconds, metavar='S', help='how much to play [s]')
+    own('--playback-until-sec', type=_seconds, metavar='S', help='where to stop [s]')
+    own('-p', '--start-paused', action='store_true', help='wait for ~/resume')
+    own(
         '--clock',
         nargs='?',
         type=float,
         const=40.0,
         metavar='HZ',
-        help='publish /clock before each message and at this rate between (default 40 Hz)',
+        help='publish /clock before each message and at this rate between [Hz] (default 40)',
     )
-    add('--qos-profile-overrides-path', type=Path, metavar='FILE', help='YAML, as for rosbag2')
-    add(
+    own('--qos-profile-overrides-path', type=Path, metavar='FILE', help='YAML, as for rosbag2')
+    own(
         '--wait',
         type=_seconds,
         default=5.0,
         metavar='S',
-        help='wait at most so long for subscribers of all topics (default 5)',
+        help='wait at most so long for subscribers of all topics [s] (default 5)',
     )
-    add('--wait-for', nargs='+', default=[], metavar='TOPIC', help='only these must have one')
-    add('--late-after', type=_seconds, default=0.005, metavar='S', help='late from here on')
-    add(
+    own('--wait-for', nargs='+', default=[], metavar='TOPIC', help='only these must have one')
+    own(
+        '--late-after',
+        type=_seconds,
+        default=0.005,
+        metavar='S',
+        help='late from here on [s] (default 0.005)',
+    )
+    own(
         '--wait-for-all-acked',
         type=_seconds,
         default=2000.0,
         metavar='MS',
-        help='at the end, milliseconds to wait until all was received (default 2000)',
+        help='at the end, wait so long until all was received [ms] (default 2000)',
     )
-    add(
+    own(
         '--lockstep',
         nargs='+',
         default=[],
         metavar='INPUT:=ANSWER[,ANSWER]',
         help='unpaced: after each message on INPUT wait until each ANSWER came with its stamp',
     )
-    add('--lockstep-timeout', type=_seconds, default=10.0, metavar='S')
-    add('--json', action='store_true', help='print the summary as JSON on stdout')
+    own(
+        '--lockstep-timeout', type=_seconds, default=10.0, metavar='S',
+        help='longest wait for an answer [s] (default 10)',
+    )  # fmt: skip
+    add(parser, '--json', ': the summary')
     return parser
 
 
@@ -148,3 +168,8 @@ def parse_options(arguments: Sequence[str]) -> ReplayOptions:
         parser.error(f'{error.pattern!r} is no regular expression: {error}')
     except BagError as error:
         parser.error(str(error))
+
+
+def usage() -> str:
+    """The usage text."""
+    return usage_of('grasp_replay', build_parser())

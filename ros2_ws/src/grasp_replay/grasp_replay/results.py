@@ -199,17 +199,50 @@ def table_lines(results: dict[str, Any]) -> list[list[str]]:
 
 def published_lines(results: dict[str, Any]) -> list[list[str]]:
     """The published rows and our predictions for their forces, lengths in mm."""
-    lines = [['force N', 'published', *(f'{theory} predicts' for theory in THEORIES)]]
-    for row in results['published']:
-        predicted = row['predicted_max_displacement_m']
-        lines.append(
+    rows = results['published']
+    own = linear_own_modulus(rows)
+    predicted = [models_of(row, own) for row in rows]
+    models = list(dict.fromkeys(model for row in predicted for model in row))
+    return [
+        ['force N', 'published', *models],
+        *(
             [
                 f'{row["force_n"]:.3f}',
                 millimetres(row['measured_max_displacement_m']),
-                *(millimetres(predicted[theory]) for theory in THEORIES),
+                *(millimetres(found.get(model)) for model in models),
             ]
-        )
-    return lines
+            for row, found in zip(rows, predicted, strict=True)
+        ),
+    ]
+
+
+def linear_own_modulus(published: list[dict[str, Any]]) -> float | None:
+    """The modulus [Pa] with which linear theory has the published displacement of the first row.
+
+    Its displacements go with the inverse of its modulus.
+    """
+    if not published or published[0]['predicted_max_displacement_m'].get('linear') is None:
+        return None
+    first = min(published, key=lambda row: row['force_n'])
+    predicted = first['predicted_max_displacement_m']['linear']
+    measured = first['measured_max_displacement_m']
+    return float(first['young_modulus_pa'] * predicted / measured) if measured else None
+
+
+def models_of(row: dict[str, Any], linear_own_pa: float | None) -> dict[str, float]:
+    """Displacements [m] that each model predicts for a published force; a model names its E."""
+    young = float(row['young_modulus_pa'])
+    moduli = {THICK: float(row.get('solid_young_modulus_pa', young))}
+    found = {
+        f'{theory}, E {moduli.get(theory, young) / 1e6:.2f} MPa': value
+        for theory, value in row['predicted_max_displacement_m'].items()
+        if value is not None
+    }
+    linear = row['predicted_max_displacement_m'].get('linear')
+    if linear is not None and linear_own_pa is not None:
+        own = f'linear with its own E {linear_own_pa / 1e6:.2f} MPa, from row 1'
+        found[own] = linear * young / linear_own_pa
+    return found
 
 
 def aligned(lines: list[list[str]]) -> str:

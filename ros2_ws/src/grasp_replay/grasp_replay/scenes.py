@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from grasp_replay.pipeline import Outcome, Row
 from grasp_replay.report import Curve, LinearityTrace, PublishedRow, RowScene
 from grasp_replay.report.scene import Kind
+from grasp_replay.results import linear_own_modulus, models_of
 from grasp_replay.sample_trace import SampleTrace
 from grasp_replay.theories import THEORIES
 from scan_compare.deformed_surface import DeformedSurface
@@ -196,34 +197,6 @@ def published_rows(published: list[dict[str, Any]], name: str) -> list[Published
         )
         for row in published
     ]
-
-
-def linear_own_modulus(published: list[dict[str, Any]]) -> float | None:
-    """The modulus [Pa] with which linear theory has the published displacement of the first row.
-
-    Its displacements go with the inverse of its modulus.
-    """
-    if not published or published[0]['predicted_max_displacement_m'].get('linear') is None:
-        return None
-    first = min(published, key=lambda row: row['force_n'])
-    predicted = first['predicted_max_displacement_m']['linear']
-    measured = first['measured_max_displacement_m']
-    return float(first['young_modulus_pa'] * predicted / measured) if measured else None
-
-
-def models_of(row: dict[str, Any], linear_own_pa: float | None) -> dict[str, float]:
-    """Displacements [m] that each model predicts for a published force; a model names its E."""
-    young = float(row['young_modulus_pa'])
-    found = {
-        f'{theory}, E {young / 1e6:.2f} MPa': value
-        for theory, value in row['predicted_max_displacement_m'].items()
-        if value is not None
-    }
-    linear = row['predicted_max_displacement_m'].get('linear')
-    if linear is not None and linear_own_pa is not None:
-        own = f'linear with its own E {linear_own_pa / 1e6:.2f} MPa, from row 1'
-        found[own] = linear * young / linear_own_pa
-    return found
 
 
 def linearity(trace: SampleTrace) -> LinearityTrace:

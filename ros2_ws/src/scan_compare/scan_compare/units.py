@@ -12,14 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-METRES_PER_UNIT = {
-    **{'m': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'um': 1e-6},
-    **{'inch': 0.0254, 'in': 0.0254, 'ft': 0.3048},
-}
-"""Length of one unit of each declarable unit [m]."""
-
-UNIT_NAMES = (*METRES_PER_UNIT, 'in')
-"""What a command line takes: `in` is an inch, as in an object file."""
+from grasp_common.options import METRES_PER_UNIT
 
 INFERABLE_UNITS = ('mm', 'inch', 'm')
 """Units that the size alone can tell apart; neighbours lie a factor of at least 25.4 apart."""

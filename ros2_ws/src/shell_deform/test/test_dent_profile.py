@@ -163,7 +163,7 @@ def coarse(tmp_path):
 
 
 def test_the_command_tells_modulus_and_thickness_apart(squeeze, coarse, capsys):
-    command = [str(squeeze), '--object', coarse, '--thickness', '--scan-unit', 'mm', '--json']
+    command = [str(squeeze), '--object', coarse, '--fit-thickness', '--scan-unit', 'mm', '--json']
     assert shell_identify.main(command) == 0
     result = json.loads(capsys.readouterr().out)
     for name, truth in (('young_modulus_pa', 15e6), ('thickness_m', 0.0022)):
@@ -189,7 +189,7 @@ def test_a_bad_scan_is_one_sentence(tmp_path, coarse, capsys, name, content, mes
     table = tmp_path / 'squeeze.csv'
     table.write_text(f'force_n,displacement_m,scan\n10.6,0.00256,{name}\n')
     plot = tmp_path / 'fit.png'
-    command = [str(table), '--object', coarse, '--thickness', '--plot', str(plot)]
+    command = [str(table), '--object', coarse, '--fit-thickness', '--plot', str(plot)]
     assert shell_identify.main(command) == 1
     error = capsys.readouterr().err
     assert name in error and message in error and error.count('\n') == 1
@@ -206,13 +206,15 @@ def test_a_bad_scan_is_one_sentence(tmp_path, coarse, capsys, name, content, mes
 def test_a_thickness_without_scans_is_one_sentence(tmp_path, capsys, table, message):
     path = tmp_path / 'squeeze.csv'
     path.write_text(table)
-    assert shell_identify.main([str(path), '--object', 'tennis_ball', '--thickness']) == 1
+    assert shell_identify.main([str(path), '--object', 'tennis_ball', '--fit-thickness']) == 1
     error = capsys.readouterr().err
     assert message in error and error.count('\n') == 1
 
 
 def test_pressure_and_thickness_together_are_wrong_arguments(capsys):
     with pytest.raises(SystemExit) as caught:
-        shell_identify.main(['x.csv', '--object', 'tennis_ball', '--pressure', '--thickness'])
+        shell_identify.main(
+            ['x.csv', '--object', 'tennis_ball', '--fit-pressure', '--fit-thickness']
+        )
     assert caught.value.code == 2
     assert 'not allowed with' in capsys.readouterr().err

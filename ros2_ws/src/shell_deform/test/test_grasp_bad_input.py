@@ -187,8 +187,8 @@ def test_a_map_of_an_extreme_friction_has_numbers(mu):
         (['--mu', 'nan'], '--mu: nan'),
         (['--mass', '-0.1'], '--mass: -0.1'),
         (['--number', '99999999999'], 'between 1 and'),
-        (['--down', '0', '0', '0'], '--down is 0 0 0'),
-        (['--down', 'nan', '0', '1'], '--down is nan 0 1'),
+        (['--down', '0,0,0'], "'0,0,0' is no direction"),
+        (['--down', 'nan,0,1'], "'nan,0,1' is no direction"),
     ],
 )
 def test_the_command_refuses_in_one_sentence(options, text, tmp_path, capsys):

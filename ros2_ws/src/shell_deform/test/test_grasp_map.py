@@ -151,8 +151,6 @@ def test_the_command_writes_its_files_and_json(tmp_path, capsys):
 def test_what_cannot_be_done_is_one_sentence(tmp_path, capsys):
     assert main(['no_such_object', '--out', str(tmp_path), '--number', '1']) == 1
     assert 'no_such_object' in capsys.readouterr().err
-    assert main(['tennis_ball', '--out', str(tmp_path), '--down', '0', '0', '0']) == 1
-    assert 'direction of the weight' in capsys.readouterr().err
 
 
 def test_a_scheduler_without_dask_is_one_sentence(tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ from shell_deform.objects import load_object, object_mesh
 
 pytest.importorskip('fast_simplification')
 
-MATERIAL = ['--young-modulus-pa', '2e6', '--poisson-ratio', '0.45']
+MATERIAL = ['--young', '2e6', '--poisson', '0.45']
 
 
 def main(*arguments):
@@ -32,7 +32,7 @@ def scan(tmp_path_factory):
 def test_a_scan_becomes_an_object_that_can_be_loaded(scan, tmp_path, capsys):
     top = scans.potato_radius(np.array([[0, 0, 1.0]]))[0]
     code = main(
-        scan, '--unit', 'mm', '--thickness-m', 0.0005, *MATERIAL, '--vertices', 400,
+        scan, '--unit', 'mm', '--thickness', 0.0005, *MATERIAL, '--vertices', 400,
         '--contact', f'0,0,{top},0.002', '--out', tmp_path, '--json',
     )  # fmt: skip
     report = json.loads(capsys.readouterr().out)
@@ -53,7 +53,7 @@ def test_a_scan_becomes_an_object_that_can_be_loaded(scan, tmp_path, capsys):
 
 def test_without_json_the_results_are_told_in_words(scan, tmp_path, capsys):
     assert main(
-        scan, '--unit', 'mm', '--thickness-m', 0.003, *MATERIAL, '--vertices', 300,
+        scan, '--unit', 'mm', '--thickness', 0.003, *MATERIAL, '--vertices', 300,
         '--name', 'spud', '--out', tmp_path,
     ) == 0  # fmt: skip
     text = capsys.readouterr().out
@@ -78,11 +78,11 @@ def test_a_thickness_per_place_is_kept_per_vertex(scan, tmp_path, capsys):
 @pytest.mark.parametrize(
     ('extra', 'message'),
     [
-        (['--thickness-m', '0'], '0 is not above zero'),
-        (['--thickness-m', '0.001', '--vertices', '5'], '5 is not between 40 and 100000'),
-        (['--thickness-m', '0.001', '--contact', '1,2'], 'is not X,Y,Z,RADIUS'),
-        (['--thickness-m', '0.001', '--vertices', '50', '--error-m', '1e-4'], 'not both'),
-        ([], 'one of the arguments --thickness-m --thickness-file is required'),
+        (['--thickness', '0'], '0 is not above zero'),
+        (['--thickness', '0.001', '--vertices', '5'], '5 is not between 40 and 100000'),
+        (['--thickness', '0.001', '--contact', '1,2'], 'is not X,Y,Z,RADIUS'),
+        (['--thickness', '0.001', '--vertices', '50', '--error', '1e-4'], 'not both'),
+        ([], 'one of the arguments --thickness/--thickness-m --thickness-file is required'),
     ],
 )
 def test_wrong_arguments_exit_two(scan, extra, message, capsys):
@@ -95,7 +95,7 @@ def test_wrong_arguments_exit_two(scan, extra, message, capsys):
 def test_an_unreadable_scan_is_one_sentence_and_exit_one(tmp_path, capsys):
     path = tmp_path / 'broken.stl'
     path.write_bytes(b'solid nothing')
-    assert main(path, '--unit', 'mm', '--thickness-m', 0.001, *MATERIAL, '--out', tmp_path) == 1
+    assert main(path, '--unit', 'mm', '--thickness', 0.001, *MATERIAL, '--out', tmp_path) == 1
     output = capsys.readouterr()
     assert output.out == ''
     assert output.err.startswith('object_prepare: ')
@@ -105,8 +105,8 @@ def test_an_unreadable_scan_is_one_sentence_and_exit_one(tmp_path, capsys):
 @pytest.mark.parametrize(
     ('extra', 'message'),
     [
-        (['--thickness-m', '0.06'], 'thicker than the object is round'),
-        (['--thickness-m', '0.001', '--contact', '1,1,1,0.001'], 'm from the scan'),
+        (['--thickness', '0.06'], 'thicker than the object is round'),
+        (['--thickness', '0.001', '--contact', '1,1,1,0.001'], 'm from the scan'),
         (['--thickness-file', 'nothing.csv'], 'nothing.csv'),
     ],
 )
@@ -123,7 +123,7 @@ def test_a_missing_or_broken_scan_is_named(tmp_path, capsys, name):
     path = tmp_path / name
     if name == 'nan.obj':
         path.write_text('v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n')
-    assert main(path, '--unit', 'mm', '--thickness-m', 0.001, *MATERIAL, '--out', tmp_path) == 1
+    assert main(path, '--unit', 'mm', '--thickness', 0.001, *MATERIAL, '--out', tmp_path) == 1
     error = capsys.readouterr().err
     assert name in error and error.count('\n') == 1
     assert ('no such file' in error) == (name == 'nothing.stl')
@@ -134,7 +134,7 @@ def test_an_open_scan_becomes_an_object_with_a_ring_beyond_its_edge(tmp_path, ca
     path = tmp_path / 'bowl.ply'
     trimesh.Trimesh(1e3 * points, faces, process=False).export(path)
     assert main(
-        path, '--unit', 'mm', '--thickness-m', 0.001, *MATERIAL, '--vertices', 300,
+        path, '--unit', 'mm', '--thickness', 0.001, *MATERIAL, '--vertices', 300,
         '--out', tmp_path, '--json',
     ) == 0  # fmt: skip
     report = json.loads(capsys.readouterr().out)

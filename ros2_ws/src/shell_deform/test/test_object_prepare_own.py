@@ -14,7 +14,7 @@ from shell_deform.objects.scan_clean import clean_scan
 
 pytest.importorskip('fast_simplification')
 
-MATERIAL = ['--young-modulus-pa', '2e6', '--poisson-ratio', '0.45', '--thickness-m', '0.001']
+MATERIAL = ['--young', '2e6', '--poisson', '0.45', '--thickness', '0.001']
 
 
 def main(*arguments):
@@ -151,8 +151,8 @@ def test_an_object_of_another_size_is_read_when_its_size_is_stated(tmp_path, cap
     trimesh.creation.icosphere(4, 0.6).export(path)
     assert main(path, '--unit', 'm', *MATERIAL, '--out', tmp_path) == 1
     assert 'in m the object is 1' in capsys.readouterr().err
-    assert main(path, '--unit', 'm', '--size-m', 1.2, *MATERIAL, '--out', tmp_path) == 0
-    assert main(path, '--unit', 'm', '--size-m', 0.05, *MATERIAL, '--out', tmp_path) == 1
+    assert main(path, '--unit', 'm', '--size', 1.2, *MATERIAL, '--out', tmp_path) == 0
+    assert main(path, '--unit', 'm', '--size', 0.05, *MATERIAL, '--out', tmp_path) == 1
 
 
 @pytest.mark.parametrize('form', ['stl.gz', 'off', 'wrl', 'bom.obj'])

@@ -24,7 +24,7 @@ def test_without_names_all_shipped_objects_are_shown(capsys):
 
 
 def test_the_mesh_and_its_fit_are_shown_on_request(capsys):
-    assert main(['--json', '--mesh', 'tennis_ball']) == 0
+    assert main(['--json', '--mesh-fit', 'tennis_ball']) == 0
     mesh = json.loads(capsys.readouterr().out)['objects'][0]['mesh']
     assert mesh['maximum_error_m'] < 2.5e-6
 

@@ -17,14 +17,20 @@ from barrett_hand_bridge.calibration import (
     write_calibration,
 )
 from barrett_hand_bridge.hand import FINGERS
+from barrett_hand_bridge.options import add_hand
 from grasp_common.command_line import parse
+from grasp_common.options import add
 from grasp_common.terminal import complain
 
 if TYPE_CHECKING:
     from barrett_hand_bridge.fit import GaugeFit
 
 
-def parser() -> argparse.ArgumentParser:
+RENAMED = {'--out': '--calibration'}
+"""What the other commands write is a folder; the node's parameter has this name."""
+
+
+def build_parser() -> argparse.ArgumentParser:
     """The command line."""
     command = argparse.ArgumentParser(prog='hand_calibrate', description=__doc__)
     command.add_argument(
@@ -33,9 +39,13 @@ def parser() -> argparse.ArgumentParser:
         help='CSV with the header finger,mass_kg,arm_m,counts,noise_counts: masses in kg hung at '
         'a horizontal arm in m from the outer joint, mean and standard deviation in counts',
     )
-    command.add_argument('--out', type=Path, required=True, help='calibration file (YAML)')
-    command.add_argument('--serial-number', default='', help='serial number of the hand (PGET SN)')
-    command.add_argument('--hand', default='BH8-262', choices=('BH8-262', 'BH8-280'))
+    command.add_argument(
+        '--calibration', type=Path, metavar='FILE', required=True, help='file to write (YAML)'
+    )
+    command.add_argument(
+        '--serial-number', default='', metavar='NUMBER', help='of the hand (PGET SN)'
+    )
+    add_hand(command)
     command.add_argument('--kind', choices=('cubic', 'table'), default='cubic', help='law to fit')
     command.add_argument('--degree', type=int, choices=(1, 2, 3), default=3, help='of the law')
     command.add_argument(
@@ -44,14 +54,14 @@ def parser() -> argparse.ArgumentParser:
         default='difference',
         help='how a tared zero enters: f(x)-f(x0), or f shifted along the counts',
     )
-    command.add_argument('--plot', type=Path, metavar='FILE', help='picture of fit and residuals')
-    command.add_argument('--json', action='store_true', help='one JSON document on stdout')
+    add(command, '--plot', ' of fit and residuals')
+    add(command, '--json')
     return command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fit and write; returns the exit code."""
-    options = parse('barrett_hand_bridge', parser(), arguments)
+    options = parse('barrett_hand_bridge', build_parser(), arguments, RENAMED)
     from barrett_hand_bridge.fit import fit_hand, read_weighings  # not for a usage text: scipy
 
     try:
@@ -60,21 +70,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
             kind=options.kind,
             degree=options.degree,
             zero=options.zero,
-            highest_count=255 if options.hand == 'BH8-262' else 4095,
+            highest_count=255 if options.hand == '262' else 4095,
         )
         if options.plot is not None:
             _plot(fits, options.plot)
         gauges = {f: fits[f].gauge if f in fits else NO_GAUGE for f in FINGERS}
         write_calibration(
-            HandCalibration(options.hand, options.serial_number, gauges), options.out
+            HandCalibration(f'BH8-{options.hand}', options.serial_number, gauges),
+            options.calibration,
         )
     except (CalibrationError, OSError) as error:
         complain('hand_calibrate', error)
         return 1
     if options.json:
-        print(json.dumps(_document(fits, options.out)))
+        print(json.dumps(_document(fits, options.calibration)))
     else:
-        _print(fits, options.out)
+        _print(fits, options.calibration)
     return 0
 
 

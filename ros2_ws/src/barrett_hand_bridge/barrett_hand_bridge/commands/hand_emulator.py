@@ -23,7 +23,9 @@ from barrett_hand_bridge.emulator.pty_port import PtyPort
 from barrett_hand_bridge.emulator.serial_hand import SerialHand
 from barrett_hand_bridge.emulator.squeeze import SqueezeError, read_squeezed
 from barrett_hand_bridge.emulator.weighing import weighing_table
+from barrett_hand_bridge.options import add_hand
 from grasp_common.command_line import parse
+from grasp_common.options import add
 from grasp_common.terminal import complain
 
 
@@ -56,31 +58,26 @@ def _fault(text: str) -> Fault:
         raise argparse.ArgumentTypeError(str(error)) from error
 
 
-def parser() -> argparse.ArgumentParser:
-    """The command line."""
-    faults = '; '.join(f'{name}: {text}' for name, text in FAULTS.items())
-    command = argparse.ArgumentParser(prog='hand_emulator', description=__doc__)
-    command.add_argument('--hand', choices=('262', '280'), default='262', help='which hand')
+def _add_can(command: argparse.ArgumentParser) -> None:
+    """Options of a hand on CAN."""
     command.add_argument(
-        '--object', type=Path, metavar='FILE', help='squeezed object (YAML); default: nothing'
-    )
-    command.add_argument('--seed', type=_seed, default=1, help='fixes every gauge and its noise')
-    command.add_argument(
-        '--link', type=Path, metavar='PATH', help='name that keeps pointing to the pty (262)'
+        '--interface',
+        default='udp_multicast',
+        metavar='NAME',
+        help='python-can interface; slcan: a pty (280)',
     )
     command.add_argument(
-        '--unpaced', action='store_true', help='bytes take no time instead of 10 bits each (262)'
+        '--channel', default='239.74.163.2', metavar='NAME', help='python-can channel (280)'
     )
     command.add_argument(
-        '--firmware', type=_firmware, default='4.4.0', help='firmware version (262), e.g. 4.3.1'
+        '--can-port', type=int, default=43113, metavar='PORT', help='UDP port (280)'
     )
     command.add_argument(
-        '--interface', default='udp_multicast', help='python-can interface; slcan: a pty (280)'
-    )
-    command.add_argument('--channel', default='239.74.163.2', help='python-can channel (280)')
-    command.add_argument('--can-port', type=int, default=43113, help='UDP port (280)')
-    command.add_argument(
-        '--puck-firmware', type=int, default=190, help='firmware of the motor controllers (280)'
+        '--puck-firmware',
+        type=int,
+        default=190,
+        metavar='NUMBER',
+        help='firmware of the motor controllers (280)',
     )
     command.add_argument(
         '--first-node',
@@ -98,6 +95,35 @@ def parser() -> argparse.ArgumentParser:
         metavar='FINGER:CELL:PRESSURE',
         help='pressure in N/cm2 on a touch cell, 0 to 23; finger 4 is the palm (280)',
     )
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The command line."""
+    faults = '; '.join(f'{name}: {text}' for name, text in FAULTS.items())
+    command = argparse.ArgumentParser(prog='hand_emulator', description=__doc__)
+    add_hand(command)
+    command.add_argument(
+        '--squeezed',
+        type=Path,
+        metavar='FILE',
+        help='forces of what it squeezes over displacement (YAML, CSV, or JSON of shell_solve; '
+        'default: nothing)',
+    )
+    add(command, '--seed', ' of every gauge (default 1)', type=_seed, default=1)
+    command.add_argument(
+        '--link', type=Path, metavar='PATH', help='name that keeps pointing to the pty (262)'
+    )
+    command.add_argument(
+        '--unpaced', action='store_true', help='bytes take no time instead of 10 bits each (262)'
+    )
+    command.add_argument(
+        '--firmware',
+        type=_firmware,
+        default='4.4.0',
+        metavar='VERSION',
+        help='firmware version (262), e.g. 4.3.1',
+    )
+    _add_can(command)
     command.add_argument(
         '--fault',
         type=_fault,
@@ -119,15 +145,13 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument(
         '--until-eof', action='store_true', help='leave when stdin ends (its starter is gone)'
     )
-    command.add_argument(
-        '--json', action='store_true', help='say where the hand is as one JSON line'
-    )
+    add(command, '--json', ': where the hand is')
     return command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until SIGINT, SIGTERM or SIGHUP; returns the exit code."""
-    options = parse('barrett_hand_bridge', parser(), arguments)
+    options = parse('barrett_hand_bridge', build_parser(), arguments, {'--object': '--squeezed'})
     try:
         return _serve(options)
     except (SqueezeError, OSError, ValueError, can.CanError) as error:
@@ -136,7 +160,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _serve(options: argparse.Namespace) -> int:
-    squeezed = None if options.object is None else read_squeezed(options.object)
+    squeezed = None if options.squeezed is None else read_squeezed(options.squeezed)
     scale = SCALE_262 if options.hand == '262' else SCALE_280
     mechanics = HandMechanics(HandBody(scale=scale), options.seed, squeezed)
     if options.weigh is not None:

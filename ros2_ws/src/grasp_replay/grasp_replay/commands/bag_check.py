@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from grasp_common.command_line import parse
+from grasp_common.options import add
 from grasp_common.terminal import complain, print_table, progress_bar, say
 from grasp_replay.bag_reader import Bag, bag_files, open_bag, read_metadata, storage_kind
 from grasp_replay.bag_repair import Examination, examine, recover, strings_of
@@ -31,10 +32,10 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--recover',
         type=Path,
-        metavar='DIRECTORY',
+        metavar='BAG',
         help='write every message of a complete, undamaged chunk into this new bag',
     )
-    parser.add_argument('--json', action='store_true', help='print one JSON document on stdout')
+    add(parser, '--json')
     return parser
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from grasp_common.command_line import parse
+from grasp_common.options import add
 from grasp_common.terminal import complain, progress_bar, say
 from grasp_replay.errors import BagError
 
@@ -33,46 +34,41 @@ def build_parser() -> argparse.ArgumentParser:
         'table_one.json. The same bag gives the same bytes. With several bags or a grid each run '
         'gets a folder of its own, named by its content, and campaign.json lists them.',
     )
-    add = parser.add_argument
-    add(
+    own = parser.add_argument
+    own(
         'bags',
         nargs='+',
         type=Path,
         metavar='BAG',
         help='bag directory or .mcap file, or one published table (.yaml)',
     )
-    add('--out', type=Path, required=True, metavar='DIR', help='where the files go')
-    add('--object', metavar='NAME|FILE', help='object (default: what experiment.yaml names)')
-    add(
-        '--young',
+    add(parser, '--out', required=True)
+    add(parser, '--object', ' (default: what experiment.yaml names)')
+    own(
+        '--modulus',
         default='auto',
         choices=('auto', 'fit', 'object'),
         help="Young's modulus: fitted on the first load of the bag, or the object's own; auto "
         'fits where at least two loads were scanned (default)',
     )
-    add(
+    own(
         '--object-pose',
         type=_object_pose,
         metavar='POSE',
-        help='pose of the object in the frame of the contacts: "x y z qx qy qz qw" (m), or '
+        help='pose of the object in the frame of the contacts: "x y z qx qy qz qw" [m], or '
         '"search" for those at which its scans fit (default: recorded as object_pose, or in '
         'experiment.yaml; where neither is and the object stands elsewhere, it is searched)',
     )
-    add(
-        '--scan-unit',
-        default='m',
-        metavar='UNIT',
-        help='unit of the recorded clouds: m (default), mm, cm, um, inch, ft',
-    )
-    add('--published', type=Path, metavar='YAML', help='published table to set beside')
-    add('--no-page', action='store_true', help='numbers only: no page, no pictures')
-    add('--no-samples', action='store_true', help='leave out linear theory at every sample')
-    add(
+    add(parser, '--scan-unit', ', which are the recorded clouds (default m)', default='m')
+    own('--published', type=Path, metavar='FILE', help='published table (YAML) to set beside')
+    own('--no-page', action='store_true', help='numbers only: no page, no pictures')
+    own('--no-samples', action='store_true', help='leave out linear theory at every sample')
+    own(
         '--no-thick',
         action='store_true',
         help='leave out theory thick, which takes most of the time',
     )
-    add(
+    own(
         '--grid',
         action='append',
         default=[],
@@ -80,9 +76,9 @@ def build_parser() -> argparse.ArgumentParser:
         help='repeat for every value of young_modulus_pa (Pa), thickness_m (m), poisson_ratio or '
         'control_vertices; several grids multiply',
     )
-    add('--processes', type=int, default=1, metavar='N', help='tasks at once (default 1)')
-    add('--scheduler', metavar='ADDRESS', help='Dask scheduler, for example tcp://host:8786')
-    add('--json', action='store_true', help='print the results as JSON on stdout')
+    add(parser, '--processes', ' (default 1)', type=int, default=1)
+    add(parser, '--scheduler')
+    add(parser, '--json')
     return parser
 
 
@@ -103,7 +99,7 @@ def _object_pose(text: str) -> tuple[float, ...] | str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `grasp_report`; returns the exit code."""
     parser = build_parser()
-    options = parse('grasp_replay', parser, arguments)
+    options = parse('grasp_replay', parser, arguments, {'--young': '--modulus'})
     if options.processes < 1:
         parser.error('--processes must be at least 1')
     # Before numpy is loaded: threads of BLAS would add up in another order every time.
@@ -161,7 +157,7 @@ def _one(options: argparse.Namespace) -> int:
         object_pose=pose,
         search=given == 'search',
         scan_unit=options.scan_unit,
-        young=options.young,
+        young=options.modulus,
         thick=not options.no_thick,
     )
     with progress_bar('grasp_report', 1.0) as show:
@@ -197,7 +193,7 @@ def _many(options: argparse.Namespace) -> int:
             bag.resolve(),
             changes,
             options.object,
-            'object' if any(key == 'young_modulus_pa' for key, _ in changes) else options.young,
+            'object' if any(key == 'young_modulus_pa' for key, _ in changes) else options.modulus,
             not options.no_page,
             not options.no_samples,
             options.published and options.published.resolve(),

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from grasp_common.command_line import usage_of
+from grasp_common.options import UNIT_NAMES, add
 from scan_compare.parameters import SCANNER_SIGMA_M
 from scan_compare.rigid import IDENTITY, Pose, rotation_from_quaternion
-from scan_compare.units import UNIT_NAMES
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -26,35 +26,32 @@ def build_parser() -> argparse.ArgumentParser:
         'scan', nargs='+', type=Path, help='scan file (STL, PLY, OBJ, OFF, PCD, VRML 2 or '
         'a table of text, also gzipped); several are views of one object and are merged',
     )  # fmt: skip
-    parser.add_argument('--object', required=True, help='object name or object file (YAML)')
+    add(parser, '--object', required=True)
     parser.add_argument(
-        '--surface', type=Path, help='mesh file with the deformed limit positions of the control '
-        'vertices on the middle surface; without it the object at rest',
+        '--surface', type=Path, metavar='FILE', help='mesh file with the deformed limit '
+        'positions of the control vertices on the middle surface; without it the object at rest',
     )  # fmt: skip
-    parser.add_argument('--rest', type=Path, help='the same mesh at rest')
+    parser.add_argument('--rest', type=Path, metavar='FILE', help='the same mesh at rest')
     parser.add_argument(
-        '--against', type=Path, metavar='SURFACE', help='a second deformed surface: say which '
+        '--against', type=Path, metavar='FILE', help='a second deformed surface: say which '
         'of the two fits the scan better, if the scan can tell',
     )  # fmt: skip
     parser.add_argument(
         '--surface-unit', default='m', choices=UNIT_NAMES, help='unit of --surface and --rest'
     )
     parser.add_argument(
-        '--undeformed', type=Path, nargs='+', metavar='SCAN', help='scan of the undeformed '
+        '--undeformed', type=Path, nargs='+', metavar='FILE', help='scan of the undeformed '
         'object: depth of the dent is counted from it',
     )  # fmt: skip
     parser.add_argument(
-        '--undeformed-region', type=Path, metavar='SCAN', help='copy of the scan cropped to the '
+        '--undeformed-region', type=Path, metavar='FILE', help='copy of the scan cropped to the '
         'region that is undeformed: registration uses its points only (default: found from the '
         'model)',
     )  # fmt: skip
-    parser.add_argument(
-        '--unit', choices=UNIT_NAMES, help='unit of the scan files; inferred from the '
-        'size of the object when left out',
-    )  # fmt: skip
-    parser.add_argument(
-        '--scanner-sigma', type=_positive, default=SCANNER_SIGMA_M, metavar='M',
-        help='standard deviation of a scan point along the normal [m] (default %(default)s)',
+    add(parser, '--unit', ' files; inferred from the size of the object when left out')
+    add(
+        parser, '--scanner-sigma', ' (default %(default)s)',
+        type=_positive, default=SCANNER_SIGMA_M,
     )  # fmt: skip
     parser.add_argument(
         '--start', type=_start, default=IDENTITY, metavar='POSE', help='pose of the scan in the '
@@ -70,8 +67,8 @@ def build_parser() -> argparse.ArgumentParser:
         '--outlier', type=_positive, metavar='M', help='points further from the surface are '
         'no part of the object [m] (default: a quarter of its extent)',
     )  # fmt: skip
-    parser.add_argument('--out', type=Path, metavar='DIR', help='write report files here')
-    parser.add_argument('--json', action='store_true', help='print one JSON document')
+    add(parser, '--out', ' of a report (default: none)')
+    add(parser, '--json')
     parser.add_argument('--quiet', action='store_true', help='no progress bar')
     return parser
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable
 
 DEFAULT_CONTACT_RADIUS_M = 0.001
 """As `shell_deform.objects` has it, without loading a surface."""
-
-UNITS = ('cm', 'in', 'inch', 'm', 'mm')
-"""Units of files that are read, as `shell_deform.objects.file_mesh` knows them."""
 
 
 def above_zero(text: str) -> float:
@@ -27,3 +25,44 @@ def not_negative(text: str) -> float:
     if not 0.0 <= value < math.inf:
         raise argparse.ArgumentTypeError(f'{text} is negative')
     return value
+
+
+def finite(text: str) -> float:
+    """A finite number."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f'{text} is not finite')
+    return value
+
+
+def poisson(text: str) -> float:
+    """A ratio of Poisson that an elastic body can have."""
+    value = float(text)
+    if not -1.0 < value <= 0.5:
+        raise argparse.ArgumentTypeError(f'{text} is not above -1 and up to 0.5')
+    return value
+
+
+def count(low: int, high: int) -> Callable[[str], int]:
+    """A whole number between two."""
+
+    def counted(text: str) -> int:
+        value = int(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f'{text} is not between {low} and {high}')
+        return value
+
+    counted.__name__ = 'whole number'
+    return counted
+
+
+def direction(text: str) -> tuple[float, float, float]:
+    """The unit vector along X,Y,Z."""
+    try:
+        values = [float(part) for part in text.replace(',', ' ').split()]
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f'{text!r}: {error}') from error
+    if len(values) != 3 or not all(map(math.isfinite, values)) or not any(values):
+        raise argparse.ArgumentTypeError(f'{text!r} is no direction X,Y,Z')
+    length = math.hypot(*values)
+    return values[0] / length, values[1] / length, values[2] / length

@@ -31,9 +31,6 @@ def _map(options: argparse.Namespace) -> None:
     from shell_deform.grasp.map_files import write_map
     from shell_deform.grasp.mapping import MapRequest, workplace
 
-    if not any(options.down) or not all(map(math.isfinite, options.down)):
-        shown = ' '.join(f'{one:g}' for one in options.down)
-        raise CommandError(f'--down is {shown}; give the direction of the weight in three numbers')
     named = Path(options.object)
     request = MapRequest(
         object_name=str(named.resolve()) if named.is_file() else options.object,
@@ -43,7 +40,7 @@ def _map(options: argparse.Namespace) -> None:
         friction=options.mu,
         friction_sigma=options.mu_sigma,
         mass=options.mass,
-        down=tuple(options.down),
+        down=options.down,
         depth=0.0 if options.force else options.depth or 4e-3,
         force=options.force or 0.0,
         lean=math.radians(options.lean),

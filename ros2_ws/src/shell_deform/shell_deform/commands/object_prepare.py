@@ -18,11 +18,12 @@ from rich.console import Console
 from scipy.spatial import cKDTree
 
 from grasp_common.command_line import parse
+from grasp_common.options import METRES_PER_UNIT
 from grasp_common.terminal import say
 from shell_deform.commands.console import CommandError, print_json, run
-from shell_deform.commands.object_prepare_options import build_parser
+from shell_deform.commands.object_prepare_options import RENAMED, build_parser
 from shell_deform.objects import load_object
-from shell_deform.objects.file_mesh import UNIT_M, read_triangles, write_control_mesh
+from shell_deform.objects.file_mesh import read_triangles, write_control_mesh
 from shell_deform.objects.object_mesh import EDGES_PER_RADIUS
 from shell_deform.objects.prepare import PreparedScan, prepare, vertex_thickness
 from shell_deform.objects.primitive_fit import capped_share, fitting_primitive
@@ -38,17 +39,17 @@ HAND_SIZE_M = (0.02, 0.5)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prepare one object; 0 done, 1 failed with one sentence, 2 wrong arguments."""
     parser = build_parser()
-    options = parse('shell_deform', parser, arguments)
-    if options.gauge_pressure_pa is not None and options.gas != 'sealed':
-        parser.error('--gauge-pressure-pa needs --gas sealed')
-    if options.error_m is not None and options.vertices is not None:
+    options = parse('shell_deform', parser, arguments, RENAMED)
+    if options.gauge_pressure is not None and options.gas != 'sealed':
+        parser.error('--gauge-pressure needs --gas sealed')
+    if options.error is not None and options.vertices is not None:
         parser.error('give --vertices or --error-m, not both')
     return run('object_prepare', lambda: _prepare(options))
 
 
 def _prepare(options: argparse.Namespace) -> None:
     name = options.name or options.scan.stem
-    thickness = options.thickness_m
+    thickness = options.thickness
     if thickness is None:
         thickness = _read_thickness(options.thickness_file)
     console = Console(stderr=True)
@@ -63,8 +64,8 @@ def _prepare(options: argparse.Namespace) -> None:
             thickness,
             face=options.face,
             control_vertices=options.vertices or 640,
-            error=options.error_m,
-            longest_rim=options.close_holes_m,
+            error=options.error,
+            longest_rim=options.close_holes,
             refine_at=contacts[:, :3],
             refine_edge=lambda surface: EDGES_PER_RADIUS * float(contacts[:, 3].min()),
         )
@@ -93,20 +94,20 @@ def _refuse_size(options: argparse.Namespace, vertices: FloatArray) -> None:
     """A scan read in a wrong unit is off by 25.4 or 1000: no hand holds it."""
     size = float(np.ptp(np.quantile(vertices, (0.005, 0.995), axis=0), axis=0).max())
     low, high = HAND_SIZE_M
-    if options.size_m is not None:
-        low, high = 0.5 * options.size_m, 1.6 * options.size_m
+    if options.size is not None:
+        low, high = 0.5 * options.size, 1.6 * options.size
     if low <= size <= high:
         return
     fitting = [
-        (unit, size / UNIT_M[options.unit] * metres)
-        for unit, metres in UNIT_M.items()
-        if unit != 'inch' and low <= size / UNIT_M[options.unit] * metres <= high
+        (unit, size / METRES_PER_UNIT[options.unit] * metres)
+        for unit, metres in METRES_PER_UNIT.items()
+        if unit != 'in' and low <= size / METRES_PER_UNIT[options.unit] * metres <= high
     ]
     hint = ' or '.join(f'--unit {unit} makes it {1e3 * other:.4g} mm' for unit, other in fitting)
     raise CommandError(
         f'{options.scan}: in {options.unit} the object is {1e3 * size:.4g} mm large, which is not '
         f'between {1e3 * low:.4g} and {1e3 * high:.4g} mm; {hint or "check the unit"}, or state '
-        'its true size with --size-m'
+        'its true size with --size'
     )
 
 
@@ -169,8 +170,8 @@ def _content(
         'name': name,
         'surface': {'mesh': {'file': control_mesh, 'unit': 'm', 'face': 'control'}},
         'thickness_m': float(thickness) if walls is None else walls.tolist(),
-        'young_modulus_pa': options.young_modulus_pa,
-        'poisson_ratio': options.poisson_ratio,
+        'young_modulus_pa': options.young,
+        'poisson_ratio': options.poisson,
         **_gas(options),
         'contacts': [
             {'at_m': list(contact[:3]), 'radius_m': contact[3], 'kind': 'pin'}
@@ -186,8 +187,8 @@ def _gas(options: argparse.Namespace) -> dict[str, Any]:
     if options.gas is None:
         return {}
     gas: dict[str, Any] = {'kind': options.gas}
-    if options.gauge_pressure_pa is not None:
-        gas['gauge_pressure_pa'] = options.gauge_pressure_pa
+    if options.gauge_pressure is not None:
+        gas['gauge_pressure_pa'] = options.gauge_pressure
     return {'gas': gas}
 
 

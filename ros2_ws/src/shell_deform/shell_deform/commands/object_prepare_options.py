@@ -8,12 +8,18 @@ import math
 from pathlib import Path
 
 from grasp_common.command_line import usage_of
+from grasp_common.options import add
 from shell_deform.commands.arguments import (
     DEFAULT_CONTACT_RADIUS_M,
-    UNITS,
     above_zero,
+    count,
+    finite,
     not_negative,
+    poisson,
 )
+
+RENAMED = {'--error-m': '--error', '--close-holes-m': '--close-holes', '--size-m': '--size'}
+"""A unit stands in the help of an option, not in its name."""
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -27,14 +33,17 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         'scan', type=Path, help='triangles: STL, PLY, OBJ, OFF or VRML 2, also gzipped'
     )
-    parser.add_argument('--unit', choices=UNITS, required=True, help='unit of the scan')
-    parser.add_argument('--name', help="name of the object (default: the scan file's)")
-    parser.add_argument('--out', type=Path, default=Path(), help='folder for the results')
+    add(parser, '--unit', required=True)
+    parser.add_argument(
+        '--name', metavar='NAME', help="name of the object (default: the scan file's)"
+    )
+    add(parser, '--out', ' (default: .)', default=Path())
     wall = parser.add_mutually_exclusive_group(required=True)
-    wall.add_argument('--thickness-m', type=above_zero, metavar='M', help='wall thickness [m]')
+    add(wall, '--thickness', type=above_zero)
     wall.add_argument(
         '--thickness-file',
         type=Path,
+        metavar='FILE',
         help='wall thickness at places: a table of x y z thickness, all in m, comma separated',
     )
     parser.add_argument(
@@ -43,18 +52,19 @@ def build_parser() -> argparse.ArgumentParser:
         default='outer',
         help='what the scan shows (default: outer, half the thickness outside the middle)',
     )
-    _add_material(parser)
+    add(parser, '--young', type=above_zero, required=True)
+    add(parser, '--poisson', type=poisson, required=True)
+    add(parser, '--vertices', ' (default: 640)', type=count(40, 100_000))
     parser.add_argument(
-        '--vertices', type=_count, help='about how many control vertices (default: 640)'
-    )
-    parser.add_argument(
-        '--error-m',
+        '--error',
         type=above_zero,
-        help='instead: as many as leave no more than this systematic error [m]',
+        metavar='M',
+        help='instead of --vertices: as many as leave no more than this systematic error [m]',
     )
     parser.add_argument(
-        '--close-holes-m',
+        '--close-holes',
         type=not_negative,
+        metavar='M',
         help='close holes with a rim up to this length [m] (default: half the size of the '
         'object); longer rims stay open',
     )
@@ -67,54 +77,20 @@ def build_parser() -> argparse.ArgumentParser:
         help='a pin on the outer face [m], in the frame of the scan; triangles are small there. '
         f'Its radius is {1e3 * DEFAULT_CONTACT_RADIUS_M:g} mm unless stated. May be repeated',
     )
+    add(parser, '--gas', ' (default: none)', choices=('none', 'open', 'sealed'))
     parser.add_argument(
-        '--gas',
-        choices=['none', 'open', 'sealed'],
-        help='what fills the object (default: not stated, none)',
-    )
+        *('--gauge-pressure', '--gauge-pressure-pa'), type=finite, metavar='PA',
+        help='of sealed gas, above ambient [Pa]',
+    )  # fmt: skip
     parser.add_argument(
-        '--gauge-pressure-pa', type=float, metavar='PA', help='of sealed gas, above ambient [Pa]'
-    )
-    parser.add_argument(
-        '--size-m',
+        '--size',
         type=above_zero,
         metavar='M',
         help='largest side of the object [m]: the scan must be about that large in its unit '
         '(default: what a hand can hold, 0.02 to 0.5 m)',
     )
-    parser.add_argument('--json', action='store_true', help='print one JSON document')
+    add(parser, '--json')
     return parser
-
-
-def _add_material(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        *('--young-modulus-pa', '--young'),
-        type=above_zero,
-        required=True,
-        metavar='PA',
-        help="Young's modulus [Pa]",
-    )
-    parser.add_argument(
-        *('--poisson-ratio', '--poisson'),
-        metavar='NU',
-        type=_poisson,
-        required=True,
-        help="Poisson's ratio, above -1, up to 0.5",
-    )
-
-
-def _poisson(text: str) -> float:
-    value = float(text)
-    if not -1.0 < value <= 0.5:
-        raise argparse.ArgumentTypeError(f'{text} is not above -1 and up to 0.5')
-    return value
-
-
-def _count(text: str) -> int:
-    value = int(text)
-    if not 40 <= value <= 100_000:
-        raise argparse.ArgumentTypeError(f'{text} is not between 40 and 100000')
-    return value
 
 
 def _contact(text: str) -> tuple[float, float, float, float]:

@@ -16,7 +16,11 @@ from grasp_common.terminal import print_table, say, tracked
 from shell_deform.building import with_material
 from shell_deform.commands.console import CommandError, print_json, run
 from shell_deform.commands.shell_identify_hold import relaxation_from
-from shell_deform.commands.shell_identify_options import DEFAULT_SIGMA_GAIN, build_parser
+from shell_deform.commands.shell_identify_options import (
+    DEFAULT_SIGMA_GAIN,
+    RENAMED,
+    build_parser,
+)
 from shell_deform.identify.dent_profile import DentScan, ThicknessFit, fit_thickness
 from shell_deform.identify.force_curve import ForceCurve
 from shell_deform.identify.modulus import (
@@ -35,7 +39,7 @@ from shell_deform.objects.file_mesh import read_points
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    options = parse('shell_deform', build_parser(), arguments)
+    options = parse('shell_deform', build_parser(), arguments, RENAMED)
     return run('shell_identify', lambda: _identify(options))
 
 
@@ -66,18 +70,18 @@ def _identify(options: argparse.Namespace) -> None:
         print_json(_document(result))
         return
     _print(result)
-    if scans and not options.thickness:
-        say(f'{options.data} names {len(scans)} scans: --thickness uses them')
+    if scans and not options.fit_thickness:
+        say(f'{options.data} names {len(scans)} scans: --fit-thickness uses them')
 
 
 def _result(options: argparse.Namespace, data: SqueezeData, scans: list[DentScan]) -> _Result:
-    described = with_material(load_object(options.object), poisson_ratio=options.poisson_ratio)
+    described = with_material(load_object(options.object), poisson_ratio=options.poisson)
     curve = ForceCurve(described, options.pin_radius, options.theory)
     names = ['fit', 'cross-validation', 'thickness']
-    steps = tracked(['dents', *names] if options.thickness else names, 'identifying')
+    steps = tracked(['dents', *names] if options.fit_thickness else names, 'identifying')
     next(steps)
     thickness = None
-    if options.thickness:
+    if options.fit_thickness:
         deepest = int(np.argmax(data.displacement))
         young = curve.modulus(
             float(data.force[deepest]),
@@ -89,10 +93,10 @@ def _result(options: argparse.Namespace, data: SqueezeData, scans: list[DentScan
         )
         curve = curve.with_thickness(thickness.thickness)
         next(steps)
-    found = identify(curve, data, options.pressure)
+    found = identify(curve, data, options.fit_pressure)
     next(steps)
     held_out = None
-    if len(data.force) > 1 and not options.pressure:
+    if len(data.force) > 1 and not options.fit_pressure:
         held_out = cross_validate(curve, data, options.fit_rows or max(1, len(data.force) // 2))
     next(steps)
     exponent = thickness_sensitivity(curve, data)
@@ -108,19 +112,19 @@ def _read(options: argparse.Namespace) -> tuple[SqueezeData, list[DentScan]]:
     if path.is_dir() or path.suffix in ('.mcap', '.db3'):
         from shell_deform.identify.squeeze_bag import read_squeeze
 
-        if options.thickness:
+        if options.fit_thickness:
             raise CommandError(
-                f'{path}: --thickness needs a table with a column `scan`; `scan_error --out` '
+                f'{path}: --fit-thickness needs a table with a column `scan`; `scan_error --out` '
                 'registers the scans of a bag to the object'
             )
         data = read_squeeze(path)
         gain = data.sigma_gain if options.sigma_gain is None else options.sigma_gain
         return replace(data, sigma_zero=options.sigma_zero, sigma_gain=gain), []
     table, files = read_table(path)
-    if options.thickness and not any(files):
+    if options.fit_thickness and not any(files):
         raise CommandError(
-            f'{path}: --thickness needs scans of the squeezed object; add a column `scan` with '
-            'their files'
+            f'{path}: --fit-thickness needs scans of the squeezed object; add a column `scan` '
+            'with their files'
         )
     data = squeeze_data(
         table,

@@ -7,7 +7,8 @@ import argparse
 from pathlib import Path
 
 from grasp_common.command_line import usage_of
-from shell_deform.commands.arguments import UNITS, above_zero, not_negative
+from grasp_common.options import add
+from shell_deform.commands.arguments import above_zero, not_negative, poisson
 from shell_deform.theory import AUTO, DEFAULT_THEORY, THEORY_NAMES, is_linear
 
 THEORIES = (*(name for name in THEORY_NAMES if not is_linear(name)), AUTO)
@@ -25,6 +26,10 @@ DEFAULT_SCANNER_SIGMA_M = 0.127e-3
 DEFAULT_SIGMA_REGISTRATION_M = 5e-5
 
 
+RENAMED = {'--thickness': '--fit-thickness', '--pressure': '--fit-pressure'}
+"""Switches whose names are values in the other commands."""
+
+
 def build_parser() -> argparse.ArgumentParser:
     """Options and arguments."""
     parser = argparse.ArgumentParser(
@@ -38,22 +43,20 @@ def build_parser() -> argparse.ArgumentParser:
         'contact and perhaps a column headed scan with files, or a bag with hand/contacts that '
         'carry travel',
     )
-    parser.add_argument('--object', required=True, help='name or object file; see shell_objects')
-    parser.add_argument('--pin-radius', type=above_zero, metavar='M', help='contact radius [m]')
-    parser.add_argument(
-        '--theory', choices=THEORIES, default=DEFAULT_THEORY,
-        help='theory of the wall; auto: thick where koiter would be off by more than 2 %%, which '
+    add(parser, '--object', required=True)
+    add(parser, '--pin-radius', type=above_zero)
+    add(
+        parser, '--theory', choices=THEORIES, default=DEFAULT_THEORY,
+        more='; auto: thick where koiter would be off by more than 2 %%, which '
         'finds the modulus of the material itself (default %(default)s)',
     )  # fmt: skip
-    parser.add_argument(
-        '--poisson-ratio', type=float, metavar='NU', help="instead of the object file's [-]"
-    )
+    add(parser, '--poisson', ", instead of the object file's", type=poisson)
     second = parser.add_mutually_exclusive_group()
     second.add_argument(
-        '--pressure', action='store_true', help='identify the gauge pressure [Pa] too'
+        '--fit-pressure', action='store_true', help='identify the gauge pressure [Pa] too'
     )
     second.add_argument(
-        *('--fit-thickness', '--thickness'), dest='thickness', action='store_true',
+        '--fit-thickness', action='store_true',
         help='identify the wall thickness [m] too, from the scans that the table names, in the '
         'frame of the object (error.ply of scan_error --out)',
     )  # fmt: skip
@@ -67,20 +70,20 @@ def build_parser() -> argparse.ArgumentParser:
         '(default %(default)s)',
     )  # fmt: skip
     parser.add_argument(
-        '--until', type=above_zero, metavar='SECONDS',
+        '--until', type=above_zero, metavar='S',
         help='of --relaxation: use the samples up to here and predict the later ones [s]',
     )  # fmt: skip
-    parser.add_argument('--scan-unit', choices=UNITS, default='m', help='of the scans (default m)')
-    parser.add_argument(
-        '--scanner-sigma', type=above_zero, default=DEFAULT_SCANNER_SIGMA_M, metavar='M',
-        help='noise of a scan point along the normal [m] (default %(default)s)',
+    add(parser, '--scan-unit', ' (default m)', default='m')
+    add(
+        parser, '--scanner-sigma', ' (default %(default)s)',
+        type=above_zero, default=DEFAULT_SCANNER_SIGMA_M,
     )  # fmt: skip
     parser.add_argument(
         '--sigma-registration', type=above_zero, default=DEFAULT_SIGMA_REGISTRATION_M,
         metavar='M', help='of a scan at a contact [m] (default %(default)s)',
     )  # fmt: skip
     parser.add_argument(
-        '--fit-rows', type=int, metavar='N', help='smallest loads to cross-validate from'
+        '--fit-rows', type=int, metavar='COUNT', help='smallest loads to cross-validate from'
     )
     parser.add_argument(
         '--sigma-force', type=above_zero, default=DEFAULT_SIGMA_FORCE_N, metavar='N',
@@ -100,8 +103,8 @@ def build_parser() -> argparse.ArgumentParser:
         help="relative uncertainty of the gauge's gain [-] (default: "
         f'{DEFAULT_SIGMA_GAIN} for a table, what its sigma_n says for a bag)',
     )  # fmt: skip
-    parser.add_argument('--plot', type=Path, metavar='FILE', help='curves with bands (PNG)')
-    parser.add_argument('--json', action='store_true', help='one JSON document on stdout')
+    add(parser, '--plot', ' of the curves with bands')
+    add(parser, '--json')
     return parser
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from grasp_common.command_line import parse
 from grasp_common.terminal import complain, print_table
-from shell_deform.commands.shell_objects_options import build_parser
+from shell_deform.commands.shell_objects_options import RENAMED, build_parser
 from shell_deform.objects import (
     ObjectError,
     ShellObject,
@@ -30,7 +30,7 @@ from shell_deform.theory.relaxation import Relaxation
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the shipped objects, or the given ones; 0 done, 1 an object cannot be read."""
-    options = parse('shell_deform', build_parser(), arguments)
+    options = parse('shell_deform', build_parser(), arguments, RENAMED)
     try:
         if options.schema:
             json.dump(schema(), sys.stdout, indent=2)
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.copy is not None:
             return _copied(options.copy, options.out, options.json)
         shells = [load_object(name) for name in options.objects or object_names()]
-        described = [_described(shell, options.mesh) for shell in shells]
+        described = [_described(shell, options.mesh_fit) for shell in shells]
     except ObjectError as error:
         complain('shell_objects', error)
         return 1

@@ -7,6 +7,10 @@ import argparse
 from pathlib import Path
 
 from grasp_common.command_line import usage_of
+from grasp_common.options import add
+
+RENAMED = {'--mesh': '--mesh-fit'}
+"""A mesh is a file to write in the other commands."""
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -18,22 +22,20 @@ def build_parser() -> argparse.ArgumentParser:
         'objects', nargs='*', metavar='NAME|FILE', help='objects to show (default: all shipped)'
     )
     parser.add_argument(
-        '--mesh',
+        '--mesh-fit',
         action='store_true',
         help='also build each control mesh and show how well it fits (edges and errors in m)',
     )
     parser.add_argument(
         '--copy', metavar='NAME', help='write the object file of a shipped object to change it'
     )
-    parser.add_argument(
-        '--out', type=Path, default=Path(), metavar='DIR', help='where --copy writes (default: .)'
-    )
+    add(parser, '--out', ' that --copy writes (default: .)', default=Path())
     parser.add_argument(
         '--schema',
         action='store_true',
         help='print the JSON Schema of object files, by which editors check and complete them',
     )
-    parser.add_argument('--json', action='store_true', help='print one JSON document')
+    add(parser, '--json')
     return parser
 
 

@@ -7,10 +7,10 @@ import argparse
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from grasp_common.command_line import parse
+from grasp_common.options import add
 from grasp_common.terminal import print_table, tracked
 from shell_deform.commands.console import CommandError, print_json, run
 
@@ -31,8 +31,8 @@ GROUPS = {
 }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point."""
+def build_parser() -> argparse.ArgumentParser:
+    """The command line of `shell_verify`."""
     parser = argparse.ArgumentParser(
         prog='shell_verify',
         description='Solve the published and independent reference problems and compare. '
@@ -59,9 +59,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help='instead: measured tennis balls, table-tennis ball and eggs of other people, '
         'each with its source and how its modulus is known',
     )
-    parser.add_argument('--plot', type=Path, metavar='FILE', help='with --solid: plot (PNG)')
+    add(parser, '--plot', ', with --solid')
     parser.add_argument('--all-rows', action='store_true', help='every load, not only the worst')
-    parser.add_argument('--json', action='store_true', help='one JSON document on stdout')
+    add(parser, '--json')
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    parser = build_parser()
     options = parse('shell_deform', parser, arguments)
     if options.plot and not options.solid:
         parser.error('--plot goes with --solid')

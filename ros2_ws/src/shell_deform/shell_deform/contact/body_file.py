@@ -16,9 +16,10 @@ import numpy as np
 import scipy.spatial
 from numpy.typing import NDArray
 
+from grasp_common.options import METRES_PER_UNIT
 from shell_deform.contact.bodies import BodyError, RoundedHull, Shape, ball, plate, rod
 from shell_deform.contact.fingertip import Fingertip
-from shell_deform.objects.file_mesh import UNIT_M, read_triangles
+from shell_deform.objects.file_mesh import read_triangles
 from shell_deform.objects.shell_object import ObjectError
 from shell_deform.objects.yaml_reader import Entry, read_document
 
@@ -127,7 +128,7 @@ def _mesh(entry: Entry, folder: Path) -> _Read:
     path = folder / found['file'].text()
     if not path.is_file():
         raise found['file'].error(f'there is no file {path}')
-    shape, size = _from_mesh(path, found['unit'].text(UNIT_M))
+    shape, size = _from_mesh(path, found['unit'].text(METRES_PER_UNIT))
     return shape, size, np.zeros((0, 3))
 
 

@@ -10,15 +10,13 @@ import numpy.typing as npt
 
 from grasp_common.formats import RawMesh, ScanFileError, read_mesh_file
 from grasp_common.formats.welding import middle_and_size, weld
+from grasp_common.options import METRES_PER_UNIT
 
 from ..surface.control_mesh import ControlMesh, MeshError, control_mesh
 from ..surface.limit import LimitSurface
 from .shell_object import MeshFile, ObjectError
 
 FloatArray = npt.NDArray[np.float64]
-
-UNIT_M = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'in': 0.0254, 'inch': 0.0254}
-"""Metres per unit of a mesh file."""
 
 
 def read_triangles(
@@ -43,7 +41,7 @@ def read_triangles(
     if merge:
         kept, number = weld(vertices, np.ones(len(vertices), bool), *_middle(vertices))
         vertices, triangles = vertices[kept], number[triangles].astype(np.int64)
-    return vertices * UNIT_M[unit], triangles
+    return vertices * METRES_PER_UNIT[unit], triangles
 
 
 def read_points(path: Path, unit: str) -> FloatArray:
@@ -56,7 +54,7 @@ def read_points(path: Path, unit: str) -> FloatArray:
     if len(points) == 0:
         raise ObjectError(f'{path}: holds no points')
     _check_finite(path, points)
-    return np.asarray(points * UNIT_M[unit], dtype=np.float64)
+    return np.asarray(points * METRES_PER_UNIT[unit], dtype=np.float64)
 
 
 def _loaded(path: Path) -> RawMesh:

@@ -10,8 +10,9 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from grasp_common.options import METRES_PER_UNIT
+
 from ..theory.relaxation import Relaxation, RelaxationError, log_law, prony
-from .file_mesh import UNIT_M
 from .finger_files import body_names, find_body
 from .grip_place import read_grip, read_place
 from .shell_object import (
@@ -375,7 +376,7 @@ def _finger(entry: Entry, found: dict[str, Entry], folder: Path) -> Finger:
             f'there is no body {found["body"].text()!r}; give a file, or one of '
             f'{", ".join(body_names())}'
         )
-    unit = found['unit'].text(UNIT_M) if 'unit' in found else None
+    unit = found['unit'].text(METRES_PER_UNIT) if 'unit' in found else None
     if 'unit' in found and file.suffix.lower() in ('.yaml', '.yml'):
         raise found['unit'].error('unit is that of a mesh; a parameter file has its own')
     along, towards = (_direction(found.get(key)) for key in ('along', 'towards'))

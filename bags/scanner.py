@@ -39,11 +39,19 @@ class View:
 
 @dataclass(frozen=True)
 class Scanner:
-    """What the simulated scanner is like (m and degrees)."""
+    """What the simulated scanner is like (m and degrees).
+
+    `density`: points a view samples on a square of the pitch; fewer where they are thinned anyway.
+
+    What no estimator knows of, none by default: an error that all points of a laser line share
+    (`line_sigma_m`, a line every `line_pitch_m`), points that fly off by `fringe_m` (a share of
+    those seen, the steepest first), and a share of lines that are lost.
+    """
 
     working_distance_m: float = 0.17
     baseline_m: float = 0.08
     pitch_m: float = 0.00025
+    density: float = 1.0
     noise_sigma_m: float = 0.000127
     steepest_incidence_deg: float = 67.5
     registration_sigma_m: float = 0.00005
@@ -51,6 +59,11 @@ class Scanner:
     placement_sigma_m: float = 0.0005
     placement_sigma_deg: float = 0.5
     most_points: int = 60000
+    line_sigma_m: float = 0.0
+    line_pitch_m: float = 0.001
+    fringe_share: float = 0.0
+    fringe_m: float = 0.0003
+    missing_lines: float = 0.0
     errors: ErrorSources = field(default_factory=ErrorSources)
 
 
@@ -156,7 +169,7 @@ def _one_view(
     towards, sideways = directions(view)
     camera = centre + scanner.working_distance_m * towards
     laser = camera + scanner.baseline_m * sideways
-    points, normals = sample(surface, scanner.pitch_m, random)
+    points, normals = sample(surface, scanner.pitch_m / np.sqrt(scanner.density), random)
     ray = camera - points
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     to_laser = laser - points
@@ -176,6 +189,10 @@ def _one_view(
                 hidden = behind(points[index], eye, obstacle)
                 seen[index[hidden]] = False
                 index = index[~hidden]
+    line = np.floor(points @ sideways / scanner.line_pitch_m).astype(int)
+    line -= line.min()
+    if scanner.missing_lines:
+        seen &= random.random(int(line.max()) + 1)[line] >= scanner.missing_lines
     true = points[seen]
     reported = true.copy()
     if errors.lateral:
@@ -185,7 +202,22 @@ def _one_view(
     if errors.noise:
         along = random.normal(0.0, 1.0, len(true)) * scanner.noise_sigma_m / cosine[seen]
         reported += along[:, None] * ray[seen]
+    if scanner.line_sigma_m:
+        shared = random.normal(0.0, scanner.line_sigma_m, int(line.max()) + 1)
+        reported += shared[line[seen], None] * ray[seen]
+    if scanner.fringe_share and len(true):
+        steep = np.argsort(cosine[seen])[: int(scanner.fringe_share * len(true))]
+        reported[steep] += scanner.fringe_m * ray[seen][steep]
     return true, reported
+
+
+MISFITS = {
+    'views': Scanner(registration_sigma_m=0.0001, registration_sigma_deg=0.1),
+    'lines': Scanner(line_sigma_m=0.00005),
+    'fringes': Scanner(fringe_share=0.05, missing_lines=0.33),
+}
+"""Scanners that no estimator knows: views laid on each other twice as badly; noise that a laser
+line shares; fringes at steep places and lost lines."""
 
 
 def sample(surface: Surface, pitch: float, random: np.random.Generator) -> tuple[Array, Array]:

@@ -20,7 +20,12 @@ sys.path.insert(0, str(ROOT / 'ros2_ws' / 'src' / 'scan_compare' / 'test'))
 from scan_shells import occlude, odd_body, scan_points  # noqa: E402
 
 from barrett_hand_bridge.emulator.misfit import MISFITS  # noqa: E402
-from barrett_hand_bridge.trial import bias_counts, coverage, force_errors  # noqa: E402
+from barrett_hand_bridge.trial import (  # noqa: E402
+    bias_counts,
+    coverage,
+    force_errors,
+    travel_errors,
+)
 from scan_compare.distance import measure  # noqa: E402
 from scan_compare.registration import register  # noqa: E402
 from scan_compare.uncertainty import pose_sigma  # noqa: E402
@@ -51,6 +56,20 @@ def hands(count: int) -> Iterator[list[str]]:
             'force of a finger', misfit.meaning, f'{count} hands, {len(errors)} readings',
             f'{100 * coverage(errors):.1f} %', f'{np.sqrt(np.mean(ratio**2)):.2f}',
             f'bias at most {bias_counts(errors):.1f} counts',
+        ]  # fmt: skip
+
+
+def travels(count: int) -> Iterator[list[str]]:
+    """The 90 % level of what two opposed fingers have travelled since first touch."""
+    seeds = range(FIRST_SEED, FIRST_SEED + count)
+    for name, misfit in MISFITS.items():
+        errors = travel_errors(seeds, loads_n=(2.0, 5.0, 10.0, 15.0), misfit=name)
+        ratio = np.array([error.error_m / error.sigma_m for error in errors])
+        yield [
+            'travel of two fingers together', misfit.meaning,
+            f'{count} hands, {len(errors)} squeezes',
+            f'{100 * np.mean(np.abs(ratio) < 1.6449):.1f} %', f'{np.sqrt(np.mean(ratio**2)):.2f}',
+            f'mean error {1e3 * np.mean([error.error_m for error in errors]):+.3f} mm',
         ]  # fmt: skip
 
 
@@ -123,7 +142,7 @@ def main() -> int:
         '|---|---|---|---|---|---|',
     ]
     few = (3, 2) if options.quick else (options.hands, options.scans)
-    for rows in (hands(few[0]), poses(few[1])):
+    for rows in (hands(few[0]), travels(few[0]), poses(few[1])):
         for row in rows:
             lines.append('| ' + ' | '.join(row) + ' |')
             print(lines[-1], flush=True)

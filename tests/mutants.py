@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Do the tests see? Small changes of the code, sampled by a seed, each run against its tests.
 
-A mutant changes one thing on one line: a comparison, a sign, an operator, a constant, `and`/`or`,
-or drops a statement. It is killed when a test fails, survives when all pass, and is undecided when
-time runs out. Compiled kernels are reached through their plain twins (NUMBA_DISABLE_JIT=1), so a
-mutant costs seconds and no compilation. Works in a copy: the checkout is never changed.
+A mutant changes one thing on one line: a comparison, a sign, an operator, a constant, or
+`and`/`or`. It is killed when a test fails, survives when all pass, and is undecided when time runs
+out. The tests of a mutant are the quick files nearest to it: those that import its module, then
+those that import what imports it. Compiled kernels are reached through their plain twins, so a
+mutant costs no compilation; everything else runs with the kernels as they are compiled. Works in
+copies: the checkout is never changed.
 """
 
 from __future__ import annotations
@@ -18,11 +20,18 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from queue import Queue
+
+from tests.patience import Patience
+
+from shell_deform.compiled.cache import kernel_sources
 
 ROOT = Path(__file__).parents[1]
 SOURCES = Path('ros2_ws') / 'src'
@@ -31,6 +40,8 @@ GOAL = 0.9
 LEFT_OUT = ('__init__', 'parameters', 'picture', '_node', 'page', 'setup')
 # Files of tests that start processes: seconds to minutes each.
 SLOW = ('_node', 'two_processes', 'fuzz', 'worker', 'faults', 'command', 'emulator', 'bags', 'job')
+# So many files of tests, the nearest first, judge a mutant.
+NEAREST = 8
 COMPARISONS = {
     ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt,
     ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -95,70 +106,148 @@ def _annotations(tree: ast.AST) -> set[tuple[int, int]]:
 
 def modules() -> list[Path]:
     """The modules that can be reached without a compiler."""
+    kernels = set(kernel_sources())
     found = []
     for path in sorted((ROOT / SOURCES).glob('*/*/**/*.py')):
         inside = path.relative_to(ROOT / SOURCES).parts
         if inside[0] != inside[1] or any(part in path.stem for part in LEFT_OUT):
             continue
-        if 'from numba' not in path.read_text(encoding='utf-8'):
+        if path not in kernels:
             found.append(path)
     return found
 
 
-def tests_of(path: Path) -> list[Path]:
-    """Quick test files that name the module, or a module that imports it."""
-    package = path.relative_to(ROOT / SOURCES).parts[0]
-    dotted = '.'.join(path.relative_to(ROOT / SOURCES / package).with_suffix('').parts)
-    importers = {dotted}
-    for other in (ROOT / SOURCES / package / package).rglob('*.py'):
-        if f'from {dotted} import' in other.read_text(encoding='utf-8'):
-            parts = other.relative_to(ROOT / SOURCES / package).with_suffix('').parts
-            importers.add('.'.join(parts))
-    direct, through = [], []
-    for test in sorted((ROOT / SOURCES / package / 'test').glob('test_*.py')):
-        if any(word in test.stem for word in SLOW):
+def dotted(path: Path) -> str:
+    """The name under which a file of a package is imported."""
+    parts = path.relative_to(ROOT / SOURCES).with_suffix('').parts[1:]
+    return '.'.join(parts[:-1] if parts[-1] == '__init__' else parts)
+
+
+def imported(path: Path, own: str) -> set[str]:
+    """Names of modules, and of what may be one, that a file imports; `own`: its package."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            above = own.split('.')[: len(own.split('.')) - node.level + 1] if node.level else []
+            base = '.'.join([*above, *([node.module] if node.module else [])])
+            names |= {base} | {f'{base}.{alias.name}' for alias in node.names}
+    return names
+
+
+@cache
+def importers() -> dict[str, set[Path]]:
+    """Who imports each module: files of the packages and their tests."""
+    found: dict[str, set[Path]] = {}
+    for path in (ROOT / SOURCES).glob('*/*/**/*.py'):
+        inside = path.relative_to(ROOT / SOURCES).parts
+        if inside[0] == inside[1]:
+            name = dotted(path)
+            own = name if path.stem == '__init__' else name.rpartition('.')[0]
+        elif inside[1] == 'test':
+            own = ''
+        else:
             continue
-        text = test.read_text(encoding='utf-8')
-        if f'{dotted} import' in text:
-            direct.append(test)
-        elif any(f'{name} import' in text for name in importers):
-            through.append(test)
-    return direct + through
+        for one in imported(path, own):
+            found.setdefault(one, set()).add(path)
+    for helper in (ROOT / SOURCES).glob('*/test/*.py'):
+        for test in found.get(helper.stem, set()):
+            found.setdefault(f'test {helper.stem}', set()).add(test)
+    return found
 
 
-def judge(mutant: Mutant, seconds: float) -> str:
-    """Run the mutant's tests in a copy of the sources; `killed`, `survived` or `undecided`."""
-    chosen = tests_of(mutant.path)
-    if not chosen:
-        return 'no test'
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder)
-        shutil.copytree(ROOT / SOURCES, copy / SOURCES, ignore=shutil.ignore_patterns('*.pyc'))
+def tests_of(path: Path) -> list[Path]:
+    """Quick files of tests that reach a module, the nearest first, then the smallest."""
+    seen, tests, front = {path}, [], [path]
+    while front and len(tests) < NEAREST:
+        reached: set[Path] = set()
+        for one in front:
+            helper = one.parent.name == 'test'
+            reached |= importers().get(f'test {one.stem}' if helper else dotted(one), set())
+        reached -= seen
+        seen |= reached
+        near = [one for one in reached if one.stem.startswith('test_')]
+        near = [one for one in near if not any(word in one.stem for word in SLOW)]
+        tests += sorted(near, key=lambda one: one.stat().st_size)
+        front = sorted(one for one in reached if not one.stem.startswith('test_'))
+    return tests[:NEAREST]
+
+
+class Copy:
+    """A copy of the sources, with their compiled kernels, in which mutants are judged in turn."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        ignored = shutil.ignore_patterns('*.pyc')
+        shutil.copytree(ROOT / SOURCES, folder / SOURCES, ignore=ignored)
         for name in ('conftest.py', 'pyproject.toml'):
-            shutil.copy(ROOT / name, copy / name)
+            shutil.copy(ROOT / name, folder / name)
         for name in ('bags', 'docs', 'tests'):
-            (copy / name).symlink_to(ROOT / name)
-        (copy / mutant.path.relative_to(ROOT)).write_text(mutant.text, encoding='utf-8')
-        packages = [str(p) for p in (copy / SOURCES).iterdir() if p.is_dir()]
+            (folder / name).symlink_to(ROOT / name)
+
+    def judge(self, mutant: Mutant, seconds: float) -> str:
+        """Run the tests of a mutant: `killed`, `survived`, `undecided` or `no test`."""
+        chosen = tests_of(mutant.path)
+        if not chosen:
+            return 'no test'
+        changed = self.folder / mutant.path.relative_to(ROOT)
+        before = changed.read_text(encoding='utf-8')
+        changed.write_text(mutant.text, encoding='utf-8')
+        try:
+            return self._run(chosen, seconds)
+        finally:
+            changed.write_text(before, encoding='utf-8')
+
+    def _run(self, chosen: list[Path], seconds: float) -> str:
+        packages = [str(p) for p in (self.folder / SOURCES).iterdir() if p.is_dir()]
         environment = os.environ | {
             'PYTHONPATH': os.pathsep.join(packages),
-            'NUMBA_DISABLE_JIT': '1',
             'PYTHONDONTWRITEBYTECODE': '1',
         }
         command = [sys.executable, '-m', 'pytest', '-x', '-q', '-p', 'no:cacheprovider']
-        files = [str(copy / test.relative_to(ROOT)) for test in chosen]
-        process = subprocess.Popen(
-            [*command, *files],
-            cwd=copy, env=environment, start_new_session=True,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-        try:
-            # 1: tests failed. Anything else is no verdict of a test.
-            return {0: 'survived', 1: 'killed'}.get(process.wait(seconds), 'undecided')
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, 9)
-            process.wait()
-            return 'undecided'
+        verdict = 'survived'
+        # One package at a time: each has a conftest of its own.
+        for package in dict.fromkeys(test.parent for test in chosen):
+            files = [t.relative_to(ROOT) for t in chosen if t.parent == package]
+            process = subprocess.Popen(
+                [*command, *map(str, files)],
+                cwd=self.folder, env=environment, start_new_session=True,
+                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            )  # fmt: skip
+            patience = Patience(seconds)
+            while process.poll() is None and not patience.over:
+                time.sleep(0.05)
+            if process.poll() is None:
+                os.killpg(process.pid, 9)
+                process.wait()
+            # 1: tests failed; 2: one could not be read. 0 and 5: all passed, none was selected.
+            if process.returncode in (1, 2):
+                return 'killed'
+            if process.returncode not in (0, 5):
+                verdict = 'undecided'
+        return verdict
+
+
+def judged(sample: list[Mutant], seconds: float, processes: int) -> list[str]:
+    """The verdicts, in order; each is told on stderr as it comes."""
+    with tempfile.TemporaryDirectory() as folder:
+        free: Queue[Copy] = Queue()
+        for number in range(processes):
+            free.put(Copy(Path(folder) / str(number)))
+
+        def judge(mutant: Mutant) -> str:
+            copy = free.get()
+            try:
+                verdict = copy.judge(mutant, seconds)
+            finally:
+                free.put(copy)
+            where = f'{mutant.path.relative_to(ROOT / SOURCES)}:{mutant.line}'
+            print(f'{verdict:9}  {where}  {mutant.change}', file=sys.stderr, flush=True)
+            return verdict
+
+        with ThreadPoolExecutor(processes) as pool:
+            return list(pool.map(judge, sample))
 
 
 def main() -> int:
@@ -167,6 +256,7 @@ def main() -> int:
     parser.add_argument('--count', type=int, default=100, help='mutants')
     parser.add_argument('--seed', type=int, default=1, help='of the sample')
     parser.add_argument('--seconds', type=float, default=180.0, help='longest run of one (s)')
+    parser.add_argument('--processes', type=int, default=2, help='mutants judged at a time')
     parser.add_argument('--match', default='', help='only modules whose path holds this')
     parser.add_argument('--json', action='store_true', help='one JSON document on stdout')
     options = parser.parse_args()
@@ -178,8 +268,7 @@ def main() -> int:
         found = list(mutants(choice.choices(files, weights)[0]))
         if found:
             sample.append(choice.choice(found))
-    with ThreadPoolExecutor(2) as pool:
-        verdicts = list(pool.map(lambda mutant: judge(mutant, options.seconds), sample))
+    verdicts = judged(sample, options.seconds, options.processes)
     score = Counter(verdicts)
     decided = score['killed'] + score['survived']
     share = score['killed'] / max(decided, 1)

@@ -44,6 +44,16 @@ class ForceError:
     count_n: float
 
 
+@dataclass(frozen=True)
+class TravelError:
+    """How far two opposed fingers have come since first touch, together, against the truth. m."""
+
+    seed: int
+    true_m: float
+    error_m: float
+    sigma_m: float
+
+
 class Trial:
     """One emulated hand and the driver that measures with it, on simulated time."""
 
@@ -146,6 +156,52 @@ class Trial:
             self.mechanics.rest(0.2)
             self.observer.observe(self.sample(0.0))
         return errors
+
+    def close_slowly(self, force_n: float, steps: int = 60, samples: int = 3) -> list[TravelError]:
+        """Close to a force step by step, looking at every step; how far have the pins travelled?
+
+        Where the object hangs between two pins, only what both travel together squeezes it.
+        """
+        start = dict(self.open)
+        self.mechanics.place(start)
+        self.mechanics.close_to_force(force_n, (1, 2))
+        end = {finger: self.mechanics.motors[finger].position for finger in (1, 2)}
+        for step in range(steps + 1):
+            share = step / steps
+            here = {f: (1.0 - share) * start[f] + share * end[f] for f in end}
+            self.mechanics.place({**start, **here})
+            self.observer.observe(self.sample())
+        errors = []
+        for _ in range(samples):
+            observation = self.observer.observe(self.sample())
+            contacts = [observation.fingers[finger].contact for finger in (1, 2)]
+            true = sum(float(self.mechanics.truth(f).displacement_m) for f in (1, 2))
+            errors.append(
+                TravelError(
+                    self.seed,
+                    true,
+                    sum(contact.travel_m for contact in contacts) - true,
+                    math.hypot(*(contact.sigma_travel_m for contact in contacts)),
+                )
+            )
+        self.mechanics.place(start)
+        return errors
+
+
+def travel_errors(
+    seeds: Sequence[int], *, loads_n: Sequence[float] = LOADS_N, misfit: str = 'none'
+) -> list[TravelError]:
+    """Errors of the travel, one tared hand per seed, every load from an open hand."""
+    errors: list[TravelError] = []
+    for seed in seeds:
+        trial = Trial(seed, misfit=misfit)
+        refusal = trial.tare()
+        if refusal:
+            raise RuntimeError(f'seed {seed}: {refusal}')
+        for load in loads_n:
+            errors += trial.close_slowly(load, samples=1)
+            trial.wait(0.5)
+    return errors
 
 
 def force_errors(

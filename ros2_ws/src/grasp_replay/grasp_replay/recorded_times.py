@@ -50,7 +50,7 @@ def without_copies(messages: Sequence[Recorded[T]]) -> list[Recorded[T]]:
 def fault_of_stamps(what: str, messages: Sequence[Recorded[T]]) -> str:
     """Why the stamps of one topic cannot tell its messages apart; empty when they can."""
     own = [message.stamp for message in messages if not message.repeats]
-    if len(own) < 2:
+    if not own:
         return ''
     zeros = own.count(0)
     if zeros:

@@ -18,6 +18,7 @@ from grasp_replay.bag_writer import BagWriter
 from grasp_replay.commands.grasp_report import main
 from grasp_replay.errors import BagError
 from grasp_replay.pipeline import Outcome, PipelineOptions, run
+from grasp_replay.recording import read_recording
 from grasp_replay.results import row_document
 from grasp_replay.ros_types import standard_types
 from shell_deform.live.pose import pose_of
@@ -142,6 +143,22 @@ def test_messages_without_stamps_go_by_the_times_of_recording_and_it_is_said(
     outcome = run(bag, COARSE)
     assert _numbers(outcome) == _numbers(plain)
     assert 'carry the stamp 0: all messages go by the times' in _notes(outcome)
+
+
+def test_one_scan_alone_without_a_stamp_goes_by_the_time_of_recording(
+    grasp: Path, tmp_path: Path
+) -> None:
+    def change(topic: str, message: Any, place: int) -> Any:
+        if topic != SCANS:
+            return message
+        return _with(message, header=header(0)) if place == 1 else None
+
+    found = read_recording(_rewritten(grasp, tmp_path / 'bag', change))
+    (scan,) = found.scans
+    assert found.samples[0].stamp < scan.stamp <= found.samples[-1].stamp + 10**9
+    assert found.notes == (
+        '1 scans carry the stamp 0: all messages go by the times at which they were recorded',
+    )
 
 
 def test_scans_that_repeat_a_stamp_are_told_apart_and_still_found_by_their_own(

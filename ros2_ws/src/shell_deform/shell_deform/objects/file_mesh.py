@@ -74,7 +74,10 @@ def _check_finite(path: Path, vertices: FloatArray) -> None:
     finite = np.isfinite(vertices).all(axis=1)
     if not finite.all():
         bad = int(np.argmin(finite))
-        raise ObjectError(f'{path}: vertex {bad} is not finite: {vertices[bad].tolist()}')
+        raise ObjectError(
+            f'{path}: vertex {bad} is not finite: {vertices[bad].tolist()}; delete such points in '
+            'the scanner software and export it again'
+        )
 
 
 def control_file(name: str, surface: MeshFile) -> ControlMesh:

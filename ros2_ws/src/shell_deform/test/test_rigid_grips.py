@@ -14,7 +14,15 @@ from shell_deform.objects.shell_object import Cylinder
 from shell_deform.solve.equilibrium import LoadCaseError, gripped
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.supports import hold_position
-from shell_deform.supports.grips import GripError, between, carried, grip, refuse_few
+from shell_deform.supports.grips import (
+    GripError,
+    between,
+    carried,
+    grip,
+    longest_share,
+    refuse_few,
+    turned_together,
+)
 
 X, Y, Z = np.eye(3)
 STILL = np.zeros(6)
@@ -163,3 +171,28 @@ def test_every_pose_on_the_way_keeps_distances(first, last, fraction):
     moved = carried(points, np.ones(3), between(first, last, fraction)[0])
     before = np.linalg.norm(points[:, None] - points, axis=2)
     np.testing.assert_allclose(np.linalg.norm(moved[:, None] - moved, axis=2), before, atol=1e-9)
+
+
+def test_ten_turns_in_one_load_case_are_not_taken_for_none(shell):
+    solver = tube(shell)
+    motion = np.zeros((len(solver.model.grips), 6))
+    motion[-1, 3:] = 20.0 * np.pi * Z
+    found = solver.solve(gripped(motion))
+    assert not found.converged and found.energy > 1e-6
+
+
+def test_grips_that_turn_together_by_whole_turns_are_where_they_were(shell):
+    solver = tube(shell)
+    motion = turned_together(solver.model.grips, np.zeros(3), np.array([0.0, 4.0 * np.pi, 0.0]))
+    found = solver.solve(gripped(motion))
+    assert found.converged and found.energy < 1e-12
+
+
+def test_turns_are_wound_up_in_steps_and_what_moves_together_in_one():
+    still, once = np.zeros((2, 6)), np.zeros((2, 6))
+    once[1, 5] = 2.0 * np.pi
+    assert longest_share(still, once, together=True) <= 1.0 / 12.0 + 1e-12
+    assert longest_share(still, once / 2.0, together=True) == 1.0
+    once[0, 5] = 2.0 * np.pi
+    assert longest_share(still, once, together=True) == 1.0
+    assert longest_share(still, once, together=False) < 0.1

@@ -18,7 +18,7 @@ from shell_deform.solve.continuation import carried_on
 from shell_deform.solve.equilibrium import End, Equilibrium, LoadCase, PathState
 from shell_deform.solve.newton_step import NewtonOptions, StepSolver
 from shell_deform.solve.prediction import StepLoads, control_of, predicted
-from shell_deform.supports.grips import carried_as_one, poses_and_wrenches
+from shell_deform.supports.grips import carried_as_one, longest_share, poses_and_wrenches
 from shell_deform.theory import is_linear
 
 __all__ = ['EquilibriumSolver', 'NewtonOptions']
@@ -56,7 +56,10 @@ class EquilibriumSolver(StepSolver):
         fraction, step = 0.0, 1.0
         iterations = factorisations = 0
         message = ''
+        together = self._carried_along(here, goal) is not None
+        longest = longest_share(here.grip_motion, goal.grip_motion, together)
         while fraction < 1.0 - 1e-12:
+            step = min(step, longest)
             trial = min(1.0, fraction + step)
             loads = first.towards(goal, trial)
             control = control_of(case, loads)

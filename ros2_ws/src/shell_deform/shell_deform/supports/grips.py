@@ -29,6 +29,8 @@ Index = NDArray[np.int64]
 IN_LINE = 1e-3
 # Turns whose axes differ by less, in radians, are about one axis.
 SAME_AXIS = 1e-9
+# In one step no grip turns further [rad].
+LARGEST_TURN = np.pi / 6.0
 # Grips whose motions differ by less, of a radian and of the object's size, move as one.
 TOGETHER = 1e-12
 
@@ -196,6 +198,27 @@ def between(first: Array, last: Array, fraction: float) -> Array:
         way = (Rotation.from_rotvec(there) * start.inv()).as_rotvec()
         result[k, 3:] = (Rotation.from_rotvec(fraction * way) * start).as_rotvec()
     return result
+
+
+def longest_share(first: Array, last: Array, together: bool) -> float:
+    """Share of the way between motions (g, 6) in which no grip turns by more than `LARGEST_TURN`.
+
+    Where a whole turn leads is where it began: what was wound up on the way would be lost. Grips
+    that move `together` wind up nothing, unless it is by whole turns that they do.
+    """
+    if together and len(first):
+        wound = _whole_turns(last) - _whole_turns(first)
+        if np.abs(wound - wound[0]).max() < np.pi:
+            return 1.0
+    turns = np.linalg.norm(last[:, 3:] - first[:, 3:], axis=1)
+    return min(1.0, LARGEST_TURN / max(float(turns.max(initial=0.0)), LARGEST_TURN))
+
+
+def _whole_turns(motions: Array) -> Array:
+    """(g, 3) what the turns of `motions` (g, 6) have beyond the shortest ones that lead there."""
+    shortest = Rotation.from_rotvec(motions[:, 3:]).as_rotvec()
+    beyond = np.linalg.norm(motions[:, 3:], axis=1) > np.pi + SAME_AXIS
+    return np.where(beyond[:, None], motions[:, 3:] - shortest, 0.0)
 
 
 def poses_and_wrenches(

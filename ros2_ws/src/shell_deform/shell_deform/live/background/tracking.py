@@ -27,7 +27,7 @@ from shell_deform.model import ShellModel, Tangent
 from shell_deform.solve.equilibrium import PathState
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.solve.prediction import predicted
-from shell_deform.supports.grips import between, carried_as_one
+from shell_deform.supports.grips import between, carried_as_one, longest_share
 
 Array = NDArray[np.float64]
 
@@ -348,7 +348,10 @@ class EquilibriumTracker:
         reached, step = 0.0, 1.0
         self._budget = self.options.tangents
         self.message = ''
+        together = self._carried_along(target) is not None
+        longest = longest_share(start.grips, target.grips, together)
         while reached < 1.0:
+            step = min(step, longest)
             trial = min(1.0, reached + step)
             goal = _between(start, target, trial)
             self._path = (*self._path, self._passed(target.driven))[-PATH:]

@@ -16,6 +16,7 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.qos import QoSProfile
 from scipy.spatial.transform import Rotation
 from tests.executables import executable
+from tests.patience import Patience
 
 from shell_deform.building import build_model
 from shell_deform.live.background.solving import LiveSolver
@@ -42,7 +43,7 @@ contacts:
 control_vertices: 250
 source: a test
 """
-PATIENCE = 120.0
+PATIENCE = 60.0
 
 
 @pytest.fixture(scope='module')
@@ -244,9 +245,9 @@ def arm(tube, model, tmp_path_factory):
 
 
 def wait(arm, condition, act=lambda: None):
-    deadline = time.monotonic() + PATIENCE
+    patience = Patience(PATIENCE)
     while not condition():
-        assert time.monotonic() < deadline, arm.observer.report()
+        assert not patience.over, arm.observer.report()
         act()
         arm.observer.spin(0.01)
 
@@ -256,16 +257,19 @@ def stamp_of(message):
 
 
 def test_every_pose_of_an_arm_is_answered_and_the_served_turn_is_the_converged_one(arm, model):
-    hand, began = arm.observer, time.monotonic()
+    hand = arm.observer
     wait(arm, lambda: bool(hand.surfaces), partial(arm.move, 0.0))
     hand.clear()
     arm.sent.clear()
     began = time.monotonic()
-    wait(
-        arm,
-        lambda: time.monotonic() > began + 1.5,
-        lambda: arm.move(np.radians(30.0) * (time.monotonic() - began)),
-    )
+
+    def turn():
+        # No further ahead of the last equilibrium than at ten a second, however busy the machine.
+        heard = [arm.sent.get(stamp_of(message), 0.0) for message in arm.wrenches]
+        ahead = max(heard, default=0.0) + np.radians(3.0)
+        arm.move(min(np.radians(30.0) * (time.monotonic() - began), ahead))
+
+    wait(arm, lambda: max(arm.sent.values(), default=0.0) > np.radians(36.0), turn)
     wait(arm, lambda: len(answered(arm)) >= 0.9 * len(arm.sent))
     solver, state, errors = EquilibriumSolver(model), None, []
     for message in answered(arm)[3::6]:
@@ -275,7 +279,7 @@ def test_every_pose_of_an_arm_is_answered_and_the_served_turn_is_the_converged_o
         off = np.linalg.norm(live_hand.packed(message)[:, :3] - truth, axis=1)
         errors.append(np.percentile(off, 99))
     assert len(errors) > 3
-    assert np.median(errors) < SCANNER
+    assert max(errors) < SCANNER
     last = max(arm.sent.values())
     wait(
         arm,

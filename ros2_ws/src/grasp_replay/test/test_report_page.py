@@ -24,6 +24,7 @@ from grasp_replay.report import (
 )
 from grasp_replay.report.errors import error_scales, nice_ceiling, scan_displacement, vertex_errors
 from grasp_replay.report.section import cut, dent_section
+from grasp_replay.results import published_lines
 
 RADIUS = 0.0325
 LBF = 4.4482216152605
@@ -430,3 +431,21 @@ def test_no_figure_is_torn_from_its_heading_in_print(open_tab, page: Path) -> No
           .map(e => e.getBoundingClientRect().height)"""
     )
     assert max(heights) < 1000
+
+
+def test_every_prediction_names_the_modulus_it_was_made_with() -> None:
+    predicted = {'linear': 1.661e-3, 'koiter': 2.560e-3, 'thick': 2.582e-3}
+    row = {
+        'force_n': 10.631,
+        'measured_max_displacement_m': 2.56e-3,
+        'young_modulus_pa': 12.75e6,
+        'solid_young_modulus_pa': 13.79e6,
+        'predicted_max_displacement_m': predicted,
+    }
+    heading, line = published_lines({'published': [row]})
+    assert dict(zip(heading[2:], line[2:], strict=True)) == {
+        'linear, E 12.75 MPa': '1.661',
+        'koiter, E 12.75 MPa': '2.560',
+        'thick, E 13.79 MPa': '2.582',
+        'linear with its own E 8.27 MPa, from row 1': '2.560',
+    }

@@ -69,7 +69,8 @@ def nodes(listener, start):
     """Deformation and scan comparison, ready to answer."""
     pose = yaml.safe_load((BAG / 'experiment.yaml').read_text())['object_pose']
     parameters = ['--ros-args', '-p', 'object:=tennis_ball', '-p', f'object_pose:={pose}']
-    nodes = [start('deformation', *parameters), start('scan_compare', *parameters)]
+    thin = ('-p', 'theory:=koiter')
+    nodes = [start('deformation', *parameters, *thin), start('scan_compare', *parameters)]
     listener.spin_until(lambda: listener.meshes, 150)
     return nodes
 

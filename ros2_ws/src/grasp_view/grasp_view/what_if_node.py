@@ -100,7 +100,8 @@ class WhatIf:
             [
                 executable('shell_deform', 'deformation'), '--ros-args',
                 '-r', f'__ns:={NAMESPACE}', '-p', f'object:={self._write(self._served)}',
-                '-p', 'drive:=force', '-p', 'frame:=object',
+                '-p', f'theory:={self._served.theory}', '-p', 'drive:=force',
+                '-p', 'frame:=object',
                 '-p', f'friction:={GIVEN_FRICTION}',
             ],
         )  # fmt: skip

@@ -21,7 +21,7 @@ COLOURS = ((0, 69, 124), (192, 90, 0), (90, 90, 90))
 HANDLE_M = 3.5e-3
 GIVEN_FRICTION = 0.5
 """What the solver starts with."""
-THEORIES = ('koiter', 'paper')
+THEORIES = ('koiter', 'auto', 'thick', 'paper')
 
 
 @dataclass(frozen=True)

@@ -64,35 +64,47 @@ def build_model(
 ) -> ShellModel:
     """Mesh, wall, supports and gas of an object; the mesh is graded towards its contacts.
 
-    `theory`: a name in `THEORY_NAMES`, or `auto`: thick where `excess_stiffness` says that Koiter
-    is off by more than 2 % and only pins press, else Koiter. `refine_radius` [m] stands in for
-    that of the object's contacts. A thick wall has triangles of a quarter of that under a pin: its
-    pressure rises towards the rim of the stamp. `sheared_everywhere` gives it shear at all its
-    vertices, not only near its pins: another 0.7 % off its force in deep dents.
+    `theory`: a name in `THEORY_NAMES`, or `auto`, see `fitting_theory`; the thin wall if none is
+    named, which nodes and commands never leave out. `refine_radius` [m] stands in for that of the
+    object's contacts. A thick wall has triangles of a quarter of that under a pin: its pressure
+    rises towards the rim of the stamp. `sheared_everywhere` gives it shear at all its vertices,
+    not only near its pins.
 
     Raises ObjectError for what the object cannot be: a support where it has no edge, sealed gas in
     an open surface.
     """
     shell_object = _sized(shell_object)
     mesh = object_mesh(shell_object, control_vertices, refine_at, refine_radius)
+    reason = ''
     if theory == AUTO:
         model = model_on_mesh(shell_object, mesh)
-        theory = fitting_theory(shell_object, model)
+        theory, reason = fitting_theory(shell_object, model)
         if theory != THICK:
-            return model
+            return replace(model, reason=reason)
     if theory == THICK:
         radius = refine_radius or min((c.radius_m for c in shell_object.contacts), default=None)
         if radius is not None:
             finer = THICK_EDGES_PER_RADIUS * radius
             mesh = object_mesh(shell_object, control_vertices, refine_at, finer)
-    return model_on_mesh(shell_object, mesh, theory, sheared_everywhere)
+    return replace(model_on_mesh(shell_object, mesh, theory, sheared_everywhere), reason=reason)
 
 
-def fitting_theory(shell_object: ShellObject, model: ShellModel) -> str:
-    """What theory `auto` stands for: thick or koiter, see `build_model`."""
+def fitting_theory(shell_object: ShellObject, model: ShellModel) -> tuple[str, str]:
+    """What theory `auto` stands for and a sentence why: thick where a thin wall is too stiff.
+
+    That is where `excess_stiffness` is above 2 % and only pins press.
+    """
+    ratio = wall_ratio(model)
+    excess = excess_stiffness(ratio)
+    measured = (
+        f'the wall is {ratio:.2g} of the radius of curvature, where a thin one is '
+        f'{100.0 * excess:.2g} % too stiff (limit {100.0 * WORTH_A_THICK_WALL:g} %)'
+    )
+    if excess <= WORTH_A_THICK_WALL:
+        return KOITER, measured
     if any(contact.kind != 'pin' for contact in shell_object.contacts):
-        return KOITER
-    return THICK if excess_stiffness(wall_ratio(model)) > WORTH_A_THICK_WALL else KOITER
+        return KOITER, f'{measured}, but more than pins press on it'
+    return THICK, measured
 
 
 def model_on_mesh(

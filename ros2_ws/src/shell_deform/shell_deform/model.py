@@ -81,6 +81,7 @@ class ShellModel:
             surface, whatever closes it, where its work is not part of the energy.
         remembering: what the wall remembers in a step of time; None for an elastic one. Linear
             theory has no use for it.
+        reason: a sentence why `auto` took this theory; empty where it was asked for.
     """
 
     shell: Discretisation
@@ -90,6 +91,7 @@ class ShellModel:
     grips: tuple[Grip, ...] = ()
     pressure: float = 0.0
     remembering: HeldWall | None = None
+    reason: str = ''
 
     def __post_init__(self) -> None:
         if self.theory not in THEORY_NAMES:

@@ -36,6 +36,7 @@ from shell_deform.readout import Readout, read_out, thickness_warning, von_mises
 from shell_deform.solve.equilibrium import End, Equilibrium, LoadCase, displaced, forced
 from shell_deform.solve.first_touch import first_touch
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.theory import DEFAULT_THEORY
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -316,14 +317,15 @@ class Shell:
         return case, f'{numbers} {"m" if force is None else "N"}'
 
     def __str__(self) -> str:
-        count = len(self.model.rest)
-        return f'{self.name}: {self.model.theory} theory, {count} control vertices'
+        count, reason = len(self.model.rest), self.model.reason
+        why = f' ({reason})' if reason else ''
+        return f'{self.name}: {self.model.theory} theory{why}, {count} control vertices'
 
 
 def load(
     name: str | Path,
     *,
-    theory: str = 'koiter',
+    theory: str = DEFAULT_THEORY,
     control_vertices: int | None = None,
     pin_radius: float | None = None,
     young_modulus: float | None = None,

@@ -16,7 +16,7 @@ from shell_deform.solve.newton import EquilibriumSolver
 
 @pytest.fixture(scope='module')
 def ball():
-    return shell_deform.load('tennis_ball', control_vertices=200)
+    return shell_deform.load('tennis_ball', theory='koiter', control_vertices=200)
 
 
 @pytest.fixture(scope='module')
@@ -35,6 +35,16 @@ def test_everything_promised_is_there_and_documented_and_nothing_else():
     assert all(getattr(shell_deform, name).__doc__ for name in shell_deform.__all__)
     with pytest.raises(AttributeError, match='no attribute .squash'):
         shell_deform.squash  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ('name', 'theory'), [('tennis_ball', 'thick'), ('half_soda_can', 'koiter')]
+)
+def test_auto_takes_the_theory_that_the_wall_needs_and_tells_why(name, theory):
+    shell = shell_deform.load(name, theory='auto', control_vertices=150)
+    assert shell.model.theory == theory
+    assert str(shell).startswith(f'{name}: {theory} theory (the wall is ')
+    assert 'too stiff (limit 2 %)' in shell.model.reason
 
 
 def test_a_squeeze_is_what_the_parts_behind_it_give(squeezed):
@@ -95,7 +105,9 @@ def test_a_sweep_that_fails_keeps_what_it_reached(ball):
 
 
 def test_the_material_can_be_another(ball):
-    soft = shell_deform.load('tennis_ball', control_vertices=200, young_modulus=1e6, gas='none')
+    soft = shell_deform.load(
+        'tennis_ball', theory='koiter', control_vertices=200, young_modulus=1e6, gas='none'
+    )
     assert soft.squeeze(displacement=1e-3).contact_force[0] < 1.0
 
 

@@ -24,7 +24,12 @@ def served(contradiction=0.0, taking_up=False):
 
 @pytest.fixture
 def well():
-    worker = SimpleNamespace(alive=True, theory='koiter', process=SimpleNamespace(pid=os.getpid()))
+    worker = SimpleNamespace(
+        alive=True,
+        theory='koiter',
+        theory_reason='thin',
+        process=SimpleNamespace(pid=os.getpid()),
+    )
     return Condition(
         state=LiveState.CONTACT,
         figures=Figures(),
@@ -87,6 +92,7 @@ def test_figures_carry_rates_memory_and_restarts(well):
     assert told['input rate [Hz]'] == pytest.approx(100.0)
     assert told['background restarts'] == 3
     assert told['theory'] == 'koiter'
+    assert told['why this theory'] == 'thin'
     assert told['memory of node and background [MB]'] > 10.0
     assert "Young's modulus [Pa]" not in told
 

@@ -153,6 +153,7 @@ def _document(result: _Result) -> dict[str, object]:
     }
     document: dict[str, object] = {
         'theory': result.curve.theory,
+        'theory_reason': result.curve.theory_reason,
         'parameters': parameters,
         'solid_modulus_pa': {
             'value': found.solid_modulus,
@@ -199,6 +200,8 @@ def _print(result: _Result) -> None:
     ]
     headings = ('displacement [mm]', 'measured [N]', 'fitted [N]', 'difference')
     print_table(headings, rows, f'Measured and fitted, theory {result.curve.theory}')
+    if result.curve.theory_reason:
+        say(f'theory {result.curve.theory}: {result.curve.theory_reason}')
     for name, value in zip(found.names, found.values, strict=True):
         low, high = found.interval(name)
         say(f'{name}: {value:.5g}, 90 % interval {low:.5g} to {high:.5g}')

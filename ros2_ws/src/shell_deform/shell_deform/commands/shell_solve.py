@@ -88,6 +88,7 @@ def _solve(options: argparse.Namespace) -> None:
             {
                 'object': shell_object.name,
                 'theory': model.theory,
+                'theory_reason': model.reason,
                 'vertices': len(model.rest),
                 'cpu_seconds': cpu,
                 'points': [
@@ -100,6 +101,8 @@ def _solve(options: argparse.Namespace) -> None:
         )
     elif results or not ended:
         title = f'{shell_object.name}, {model.theory} theory, {len(model.rest)} control vertices'
+        if model.reason:
+            complain('shell_solve', f'note: theory {model.theory}: {model.reason}')
         _print_table(f'{title}, {cpu:.2f} s processor time', results, sweep)
         if held:
             print_hold(held)
@@ -227,12 +230,13 @@ def _draw(path: Path, shell_object: ShellObject, model: ShellModel, state: Equil
 
 
 def _print_table(title: str, results: list[Solved], sweep: GripSweep | None) -> None:
-    force, torque, energy = 0.0, 0.0, 0.0
+    force, torque, energy, gas = 0.0, 0.0, 0.0, 0.0
     for solved in results:
         wrench = solved.state.grip_wrench
         force = max([force, *np.abs(solved.state.force), *np.abs(wrench[:, :3]).ravel()])
         torque = max([torque, *np.abs(wrench[:, 3:]).ravel()])
         energy = max(energy, solved.state.energy)
+        gas = max(gas, abs(solved.state.gas_pressure))
     rows = []
     for solved in results:
         state = solved.state
@@ -245,7 +249,7 @@ def _print_table(title: str, results: list[Solved], sweep: GripSweep | None) -> 
             [
                 *cells,
                 significant(1e3 * state.energy, 5, 1e3 * energy),
-                f'{1e-3 * state.gas_pressure:.4g}',
+                significant(1e-3 * state.gas_pressure, 4, 1e-3 * gas),
                 'yes' if state.stable is not False else 'NO',
             ]
         )

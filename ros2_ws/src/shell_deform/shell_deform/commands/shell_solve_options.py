@@ -11,7 +11,7 @@ import numpy as np
 from grasp_common.command_line import usage_of
 from grasp_common.options import add
 from shell_deform.commands.arguments import above_zero, direction, finite, poisson
-from shell_deform.theory import AUTO, THEORY_NAMES
+from shell_deform.theory import AUTO, DEFAULT_THEORY, THEORY_NAMES
 
 
 def _sweep(text: str) -> list[float]:
@@ -84,7 +84,7 @@ def build_parser() -> argparse.ArgumentParser:
         '--theory',
         '; auto: thick where a thin wall is off by more than 2 %%, else koiter',
         choices=(*THEORY_NAMES, AUTO),
-        default='koiter',
+        default=DEFAULT_THEORY,
     )
     add(parser, '--gas', choices=('none', 'open', 'sealed', 'liquid'))
     parser.add_argument(

@@ -105,6 +105,11 @@ class ForceCurve:
         return self._model.theory
 
     @property
+    def theory_reason(self) -> str:
+        """Why `auto` took it; empty where it was asked for."""
+        return self._model.reason
+
+    @property
     def contacts(self) -> tuple[ContactPatch, ...]:
         """What pushes, on the middle surface."""
         return self._contacts

@@ -417,8 +417,10 @@ class DeformationNode(Node):
         # What is there now stays: the collector need not walk through it beside the fast loop.
         gc.collect()
         gc.freeze()
+        worker = self.link.worker
+        why = f' ({worker.theory_reason})' if worker.theory_reason else ''
         self.get_logger().info(
-            f'{name}: theory {self.link.worker.theory}, {len(memory.rest)} vertices, serving'
+            f'{name}: theory {worker.theory}{why}, {len(memory.rest)} vertices, serving'
         )
 
     def _follow_contacts(self, estimator: Estimator) -> None:

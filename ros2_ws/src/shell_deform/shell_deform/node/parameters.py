@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from grasp_common import parameter_table
 from grasp_common.parameter_table import Parameter, ParameterError
 from shell_deform.live.pose import PoseError, pose_of
-from shell_deform.theory import AUTO, THEORY_NAMES, is_linear
+from shell_deform.theory import AUTO, DEFAULT_THEORY, THEORY_NAMES, is_linear
 
 if TYPE_CHECKING:
     from shell_deform.live.tick.estimator import Settings
@@ -22,7 +22,12 @@ NONLINEAR = (*(name for name in THEORY_NAMES if not is_linear(name)), AUTO)
 
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter('object', 'tennis_ball', 'name of a shipped object, or an object file'),
-    Parameter('theory', 'koiter', 'strain measure of the nonlinear answer', choices=NONLINEAR),
+    Parameter(
+        'theory',
+        DEFAULT_THEORY,
+        'strain measure of the nonlinear answer; auto: thick where koiter is off by more than 2 %',
+        choices=NONLINEAR,
+    ),
     Parameter('control_vertices', 0, "control vertices; 0: the object file's own", 0, 20000),
     Parameter(
         'background_niceness',

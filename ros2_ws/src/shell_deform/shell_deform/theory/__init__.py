@@ -56,7 +56,7 @@ AUTO = 'auto'
 """`thick` where a thin wall would be off by more than `thin_wall.WORTH_A_THICK_WALL`."""
 
 DEFAULT_THEORY = KOITER
-"""What objects are solved by where nobody chooses."""
+"""What nodes, commands and `load` solve by where nobody chooses."""
 
 THEORY_NAMES = (*sorted(THEORIES), THICK)
 """Every theory a model can have."""

@@ -183,6 +183,7 @@ def main() -> int:
         'triangles': layout.triangles,
         'outer': layout.outer,
         'theory': solver.model.theory,
+        'reason': solver.model.reason,
         'thickness': float(solver.model.shell.thickness.mean()),
         'grips': plan.names,
         'origins': plan.origins.tolist(),

@@ -70,9 +70,9 @@ class WorkerProcess:
     def __init__(self, build: Build | None = None) -> None:
         self.memory: SharedMemory | None = None
         self.thickness = 0.0
-        self.theory = ''
+        self.theory = self.theory_reason = ''
+        """The one taken: `auto` is none; why it took that, empty where it was asked for."""
         self.plan = GripPlan((), np.zeros((0, 3)), False)
-        """The one taken: `auto` is none."""
         self._has_rest = False
         self._sequence = 0
         self._seen = 0
@@ -130,7 +130,7 @@ class WorkerProcess:
         self.plan = GripPlan(tuple(hello['grips']), origins, bool(hello['alone']))
         layout = Layout(hello['vertices'], hello['triangles'], hello['outer'], len(origins))
         self.memory = SharedMemory(descriptors[0], layout)
-        self.theory = str(hello['theory'])
+        self.theory, self.theory_reason = str(hello['theory']), str(hello['reason'])
         self.thickness = float(hello['thickness'])
         return True
 

@@ -31,7 +31,7 @@ BALL = Ball(thickness=2.5, young_modulus=12.75, poisson_ratio=0.49, pin_radius=2
 MAPPED_FORCES = (5.0, 9.0, 11.0)
 """Past the 2 mm of the map's grasps [N]."""
 DEEP_FORCES = {
-    'rigid': (4.0, 8.0, 11.0, 13.0, 15.0, 16.0, 17.0, 18.0, 19.0, 19.7),
+    'rigid': (4.0, 8.0, 11.0, 13.0, 15.0, 16.0, 17.0, 18.0, 19.0, 19.7, 20.4, 21.0),
     'traction': (0.05, 2.0, 4.0, 6.0, 8.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 16.0, 17.0),
 }
 """To 10 mm under a rigid pin end [N], to 7 or 8 mm under an even dead traction."""

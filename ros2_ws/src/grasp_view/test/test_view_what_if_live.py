@@ -14,10 +14,11 @@ from scipy import ndimage
 from sensor_msgs.msg import PointCloud2
 from view_browser import buttons, choose, displacement_mm, enter, picture
 
-from grasp_view.messages import read_contacts, read_surface
+from grasp_view.messages import read_contacts, read_grasp, read_surface
 
 CONTACTS = (PointCloud2, '/what_if/hand/contacts')
 SURFACE = (PointCloud2, '/what_if/deformation/surface')
+GRASP = (PointCloud2, '/what_if/deformation/grasp')
 NONLINEAR = (PointCloud2, '/what_if/deformation/nonlinear')
 
 
@@ -66,6 +67,8 @@ def test_the_placed_fingers_are_answered_by_the_real_solver(view, heard, wait_un
     sent = read_contacts(heard(*CONTACTS))
     assert np.allclose(sent.forces.sum(axis=0), 0.0, atol=0.05)
     assert np.allclose(np.linalg.norm(sent.points, axis=1), 0.0325, atol=2e-4)
+    # Two pins face to face: the page's cones and words of closure come from this.
+    wait_until(lambda: heard(*GRASP) is not None and read_grasp(heard(*GRASP)).closed, 60)
     assert running.stop(signal.SIGINT) == 0, running.text
 
 

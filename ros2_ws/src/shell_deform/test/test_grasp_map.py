@@ -151,6 +151,9 @@ def test_the_command_writes_its_files_and_json(tmp_path, capsys):
 def test_what_cannot_be_done_is_one_sentence(tmp_path, capsys):
     assert main(['no_such_object', '--out', str(tmp_path), '--number', '1']) == 1
     assert 'no_such_object' in capsys.readouterr().err
+    wide = ['--number', '2', '--vertices', '162', '--pin-radius', '0.05']
+    assert main(['tennis_ball', '--out', str(tmp_path), *wide]) == 1
+    assert 'none of 2 grasps of tennis_ball could be squeezed' in capsys.readouterr().err
 
 
 def test_a_scheduler_without_dask_is_one_sentence(tmp_path, monkeypatch):

@@ -59,6 +59,12 @@ def _map(options: argparse.Namespace) -> None:
     told = write_map(request, grasps, place, options.out)
     if options.json:
         print_json(told)
+    if not told['grasps']:
+        raise CommandError(
+            f'none of {len(told["failed"])} grasps of {options.object} could be squeezed; '
+            f'the first: {told["failed"][0]["failed"]}'
+        )
+    if options.json:
         return
     print_table(
         ('grasp', 'worst of 26 N', 'lifts kg', 'P(closed)', 'needs mu', 'push N', 'limit'),

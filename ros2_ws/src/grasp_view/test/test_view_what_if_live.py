@@ -92,6 +92,10 @@ def test_force_modulus_theory_and_pressure_change_the_dent_as_physics_says(
     before = picture(tab)
     enter(tab, 'Finger 1 (N)', 2.0)
     soft = dent(resting)
+    tab.get_by_text('closed', exact=True).wait_for(timeout=60_000)
+    enter(tab, 'Friction', 0.0)
+    tab.get_by_text('not closed', exact=True).wait_for(timeout=60_000)
+    enter(tab, 'Friction', 0.5)
     assert 0.3 < soft / resting < 0.42  # 2 N instead of 5 N, slightly softening
 
     enter(tab, 'Modulus (x file)', 2.0)

@@ -22,7 +22,6 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
@@ -79,20 +78,25 @@ def _changed(node: ast.AST) -> str | None:
     return None
 
 
-def mutants(path: Path) -> Iterator[Mutant]:
-    """Every mutant of one file, a few to a line."""
-    source = path.read_text(encoding='utf-8')
-    count = sum(1 for _ in ast.walk(ast.parse(source)))
-    annotated = _annotations(ast.parse(source))
-    for index in range(count):
-        tree = ast.parse(source)
-        node = list(ast.walk(tree))[index]
-        line = getattr(node, 'lineno', 0)
-        if (line, getattr(node, 'col_offset', 0)) in annotated:
-            continue
-        change = _changed(node)
-        if change is not None:
-            yield Mutant(path, line, change, ast.unparse(tree))
+def places(path: Path) -> list[int]:
+    """Numbers of the nodes of a file's tree, as `ast.walk` meets them, that can be changed."""
+    tree = ast.parse(path.read_text(encoding='utf-8'))
+    annotated = _annotations(tree)
+    return [
+        index
+        for index, node in enumerate(ast.walk(tree))
+        if (getattr(node, 'lineno', 0), getattr(node, 'col_offset', 0)) not in annotated
+        and _changed(node) is not None
+    ]
+
+
+def mutant_at(path: Path, index: int) -> Mutant:
+    """The file with the node of that number changed."""
+    tree = ast.parse(path.read_text(encoding='utf-8'))
+    node = list(ast.walk(tree))[index]
+    change = _changed(node)
+    assert change is not None
+    return Mutant(path, getattr(node, 'lineno', 0), change, ast.unparse(tree))
 
 
 def _annotations(tree: ast.AST) -> set[tuple[int, int]]:
@@ -265,9 +269,10 @@ def main() -> int:
     weights = [len(path.read_text(encoding='utf-8').splitlines()) for path in files]
     sample: list[Mutant] = []
     while len(sample) < options.count:
-        found = list(mutants(choice.choices(files, weights)[0]))
+        path = choice.choices(files, weights)[0]
+        found = places(path)
         if found:
-            sample.append(choice.choice(found))
+            sample.append(mutant_at(path, choice.choice(found)))
     verdicts = judged(sample, options.seconds, options.processes)
     score = Counter(verdicts)
     decided = score['killed'] + score['survived']

@@ -338,14 +338,9 @@ class LiveSolver:
             pairs = self._small.second_order.shape[1]
             record['linear_compliance'][:k, :k] = self._small.compliance
             record['second_order'][:k, :pairs] = self._small.second_order
-        placement = self._placement
-        record['carried'] = self._carried().numbers
-        record['pose'] = self._pose_in_use.numbers
-        record['pose_covariance'] = placement.covariance if placement is not None else 0.0
-        note = placement.open_directions if placement is not None and not self.message else ''
         if self._gripping is not None:
             _fill_grips(slot, self._gripping, self.tracker.state.grips, rows)
-        record['message'] = (self.message or note).encode()[:200]
+        self._fill_place(record)
         positions = tracker.positions
         slot.surface[:] = self.model.surface.limit_positions(positions)
         slot.normals[:] = self.model.surface.vertex_normals(positions)
@@ -360,6 +355,15 @@ class LiveSolver:
                 self.unloaded_surface, self._wall, self.contacts.patches, here.displacement
             )
             slot.outer[:], slot.outer_slope[:] = self._face.offset(), self._face.slope
+
+    def _fill_place(self, record: np.void) -> None:
+        """Write where the object lies, and what there is to say."""
+        placement = self._placement
+        record['carried'] = self._carried().numbers
+        record['pose'] = self._pose_in_use.numbers
+        record['pose_covariance'] = placement.covariance if placement is not None else 0.0
+        note = placement.open_directions if placement is not None and not self.message else ''
+        record['message'] = (self.message or note).encode()[:200]
 
     def _rows(self) -> ContactRows:
         assert self.tracker.rows is not None

@@ -13,7 +13,7 @@ from barrett_hand_bridge.calibration import (
     read_calibration,
 )
 from barrett_hand_bridge.gcl.driver import LATE_PERIODS, SerialHand
-from barrett_hand_bridge.gcl.port import PortName, open_port
+from barrett_hand_bridge.gcl.port import open_port
 from barrett_hand_bridge.hand import FINGERS, Hand, HandFacts
 from barrett_hand_bridge.kinematics import HandGeometry, Pin
 from barrett_hand_bridge.motion import CloseSettings
@@ -61,9 +61,13 @@ def pins(values: Values) -> dict[int, Pin]:
 
 
 def make_hand(
-    values: Values, port: str, clock_ns: Callable[[], int], *, simulated_time: bool = False
+    values: Values,
+    port: Callable[[], str],
+    clock_ns: Callable[[], int],
+    *,
+    simulated_time: bool = False,
 ) -> Hand:
-    """The driver for the chosen backend, not connected yet.
+    """The driver for the chosen backend, not connected yet; `port` is asked at each connection.
 
     On simulated time no answer is late: a recording must not depend on how busy a machine is.
     """
@@ -84,9 +88,8 @@ def make_hand(
                 values['interface'], values['channel'], values['can_port'], values['can_nodes']
             ),
         )
-    name = PortName(port)
     return SerialHand(
-        lambda: open_port(name.now()),
+        lambda: open_port(port()),
         clock_ns=clock_ns,
         baud=values['baud'],
         servo_sample_s=values['servo_sample_time'],

@@ -23,6 +23,7 @@ from barrett_hand_bridge.actions_node import HandActions
 from barrett_hand_bridge.arm_pose_node import ArmPose
 from barrett_hand_bridge.calibration import CalibrationError, HandCalibration
 from barrett_hand_bridge.description_node import HandDescription
+from barrett_hand_bridge.gcl.port import PortName
 from barrett_hand_bridge.hand import HandError, HandFacts, HandSample
 from barrett_hand_bridge.hand_services_node import HandServices
 from barrett_hand_bridge.hand_topics_node import HandTopics
@@ -84,10 +85,10 @@ class HandBridge(LifecycleNode):
         try:
             values = self.values()
             parameters.check_all(values)
-            port = values['port']
+            port = PortName(values['port']).now
             if values['backend'] == 'emulator':
                 self._emulator = OwnEmulator(values['emulator_object'], values['emulator_seed'])
-                port = self._emulator.port
+                port = self._emulator.now
             if self._emulator is not None and not values['calibration']:
                 self._calibration = self._emulator.calibration
             else:
@@ -111,7 +112,7 @@ class HandBridge(LifecycleNode):
         )
         self._make_interfaces(self._worker)
         where = (
-            port if values['backend'] != 'can' else f'{values["interface"]} {values["channel"]}'
+            port() if values['backend'] != 'can' else f'{values["interface"]} {values["channel"]}'
         )
         self.get_logger().info(f'looking for a hand on {where}')
         self._worker.start()
@@ -320,6 +321,7 @@ class HandBridge(LifecycleNode):
         if self._now_ns() <= 0:
             level, text = Level.WARN, 'parameter use_sim_time is true, but no /clock comes'
         values = health.values(self._latest, self._sample, observer, now_s)
+        values['contacts published'] = str(self._topics.published)
         self._topics.diagnostics(level, text, values, health.facts, self._now_ns())
 
 

@@ -33,6 +33,7 @@ class HandTopics:
         self._node = node
         self._values = values
         self._states_ns = 0
+        self.published = 0
         make = node.create_lifecycle_publisher
         self._contacts = make(PointCloud2, 'hand/contacts', STREAM)
         self._joints = make(JointState, 'hand/joint_states', STREAM)
@@ -62,7 +63,7 @@ class HandTopics:
     def contacts(self, observation: Observation) -> None:
         """One observation's contacts: a pin per finger, then the pressed touch cells."""
         contacts = [observation.fingers[finger].contact for finger in FINGERS]
-        self._contacts.publish(
+        self._publish(
             messages.contacts_message(
                 [*contacts, *observation.cells], observation.stamp_ns, self._values['hand_frame']
             )
@@ -74,11 +75,16 @@ class HandTopics:
         A late sample carries the time of its first byte: a copy stamped now would overtake it.
         """
         contacts = [observation.fingers[finger].contact for finger in FINGERS]
-        self._contacts.publish(
+        self._publish(
             messages.contacts_message(
                 contacts, observation.stamp_ns, self._values['hand_frame'], FLAG_STALE
             )
         )
+
+    def _publish(self, contacts: PointCloud2) -> None:
+        if self._contacts.is_activated:
+            self.published += 1
+        self._contacts.publish(contacts)
 
     def states(self, observation: Observation) -> bool:
         """Joint states, wrenches and counts, not faster than parameter `state_rate`.

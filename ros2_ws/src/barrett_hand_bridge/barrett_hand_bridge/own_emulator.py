@@ -15,12 +15,17 @@ from pathlib import Path
 from barrett_hand_bridge.calibration import NO_GAUGE, HandCalibration
 from barrett_hand_bridge.fit import fit_hand, read_weighings
 from barrett_hand_bridge.hand import FINGERS, HandError
+from grasp_common.watchdog import is_stopped
 
 START_TIMEOUT_S = 20.0
 
 
 class OwnEmulator:
-    """A `hand_emulator` process, ended with the node, and the calibration of its gauges."""
+    """A `hand_emulator` process, ended with the node, and the calibration of its gauges.
+
+    Where it has ended, or somebody stopped it, another one takes its place at the next connection:
+    a hand that was switched off and on.
+    """
 
     def __init__(self, object_file: str, seed: int) -> None:
         """Start it and fit a calibration to known weights hung on its gauges.
@@ -28,11 +33,23 @@ class OwnEmulator:
         Raises:
             HandError: it does not start.
         """
+        self._object_file, self._seed = object_file, seed
+        self._begin()
+
+    def now(self) -> str:
+        """The port to open now; raises HandError if no emulated hand starts."""
+        if self._process.poll() is not None or is_stopped(self._process.pid):
+            self._process.kill()
+            self.stop()
+            self._begin()
+        return self.port
+
+    def _begin(self) -> None:
         # The table is read before anything else happens: a killed node leaves no folder behind.
         with tempfile.TemporaryDirectory(prefix='hand_emulator_') as folder:
-            self._start(object_file, seed, Path(folder) / 'weighings.csv')
+            self._start(Path(folder) / 'weighings.csv')
 
-    def _start(self, object_file: str, seed: int, weighings: Path) -> None:
+    def _start(self, weighings: Path) -> None:
         command = [
             sys.executable,
             '-m',
@@ -40,9 +57,9 @@ class OwnEmulator:
             '--json',
             '--until-eof',
         ]
-        command += ['--seed', str(seed), '--weigh', str(weighings)]
-        if object_file:
-            command += ['--squeezed', object_file]
+        command += ['--seed', str(self._seed), '--weigh', str(weighings)]
+        if self._object_file:
+            command += ['--squeezed', self._object_file]
         self._process = subprocess.Popen(
             command,
             stdout=subprocess.PIPE,
@@ -58,7 +75,7 @@ class OwnEmulator:
             raise HandError(f'the emulated hand did not start: {error}') from error
         self.calibration = HandCalibration(
             'BH8-262',
-            str(seed),
+            str(self._seed),
             {finger: fits[finger].gauge if finger in fits else NO_GAUGE for finger in FINGERS},
             'weights hung on the emulated hand',
         )

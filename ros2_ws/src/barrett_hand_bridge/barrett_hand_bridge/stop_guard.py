@@ -14,13 +14,13 @@ import os
 import select
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
+
+from grasp_common.watchdog import Watchdog
 
 FAREWELL = b'done'
 CALL = b'.'
-# So many calls in a row without an answer, and it hangs.
-MOST_UNANSWERED = 3
-MOST_WHILE_IT_STARTS = 80
 STOP_SERIAL = b'\x03'
 
 
@@ -31,8 +31,12 @@ class StopGuard:
         """Start it; `inherited` file descriptors stay open in it."""
         self._arguments = arguments
         self._inherited = inherited
-        self._unanswered, self._spoke = 0, False
+        self._begin()
+
+    def _begin(self) -> None:
         self._process = self._started()
+        self._answered = 0
+        self._watchdog = Watchdog(self._process.pid)
 
     def _started(self) -> subprocess.Popen[bytes]:
         return subprocess.Popen(
@@ -50,22 +54,20 @@ class StopGuard:
         self._process.kill()
         self._process.wait()
         self._let_go()
-        self._unanswered, self._spoke = 0, False
-        self._process = self._started()
+        self._begin()
         return True
 
     def _answers(self) -> bool:
-        """Whether it has answered one of the last calls; calls it again."""
+        """Whether it answers, or would if it found a processor; calls it again."""
         assert self._process.stdin is not None and self._process.stdout is not None
         if select.select([self._process.stdout], [], [], 0.0)[0]:
-            os.read(self._process.stdout.fileno(), 64)
-            self._unanswered, self._spoke = 0, True
-        self._unanswered += 1
+            self._answered += len(os.read(self._process.stdout.fileno(), 64))
+        self._watchdog.look(self._answered, time.monotonic())
         try:
             os.write(self._process.stdin.fileno(), CALL)
         except OSError:
             return False
-        return self._unanswered <= (MOST_UNANSWERED if self._spoke else MOST_WHILE_IT_STARTS)
+        return not self._watchdog.hopeless
 
     def _let_go(self) -> None:
         for stream in (self._process.stdin, self._process.stdout):

@@ -456,8 +456,7 @@ def test_a_stop_guard_that_dies_or_hangs_is_replaced_and_told_of(
         status = listener.status()
         return status and status[2]['stop guard restarted (times)'] == '1'
 
-    # A guard that was stopped before it had answered once gets longer.
-    listener.until(restarted, 40.0)
+    listener.until(restarted, 10.0)
     second = children(node.process.pid, 'stop_guard')
     assert len(second) == 1 and second != first
 

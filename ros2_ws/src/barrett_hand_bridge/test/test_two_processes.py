@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -283,3 +284,17 @@ def test_an_emulator_that_cannot_start_says_why(start, options, code, complaint)
     assert emulator.ended() == code
     assert complaint in emulator.text
     assert 'Traceback' not in emulator.text
+
+
+@pytest.mark.parametrize('started', [False, True])
+def test_a_guard_that_is_stopped_is_replaced_also_while_it_starts(wait_until, started):
+    guard = guard_serial(os.open(os.devnull, os.O_WRONLY))
+    try:
+        if started:
+            wait_until(lambda: guard.watch() or guard._answered > 0, 60.0)
+        os.kill(guard._process.pid, signal.SIGSTOP)
+        stopped = time.monotonic()
+        wait_until(guard.watch, 20.0)
+        assert time.monotonic() - stopped < 2.0
+    finally:
+        guard.dismiss()

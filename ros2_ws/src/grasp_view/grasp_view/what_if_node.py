@@ -20,6 +20,8 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 
+from grasp_common.watchdog import is_stopped
+
 from . import messages, with_parent
 from .page import Page
 from .poses import Floats
@@ -39,6 +41,9 @@ from .what_if_panel import FINGERS, GIVEN_FRICTION, WhatIfPanel, Wish
 NAMESPACE = '/what_if'
 RATE_HZ = 30.0
 SETTLE_S = 0.4
+FIRST_PAUSE_S = 0.2
+LONGEST_PAUSE_S = 10.0
+"""Before a solver that has ended is started again; twice as long each time [s]."""
 
 
 class WhatIfError(RuntimeError):
@@ -84,7 +89,6 @@ class WhatIf:
         self._objects = known_objects(chosen)
         name = chosen if chosen in self._objects else list(self._objects)[-1]
         self._panel = WhatIfPanel(page.server, self._objects, name)
-        self._folder = tempfile.mkdtemp(prefix='what_if_')
         self._written = 0
         self._clock = node.get_clock()
         self._mesh: Mesh | None = None
@@ -95,6 +99,13 @@ class WhatIf:
         self._future: Future | None = None
         self._publisher = node.create_publisher(PointCloud2, f'{NAMESPACE}/hand/contacts', 10)
         self._client = node.create_client(SetParameters, f'{NAMESPACE}/deformation/set_parameters')
+        self._pause = FIRST_PAUSE_S
+        self._start()
+        node.create_timer(1.0 / RATE_HZ, self._publish)
+
+    def _start(self) -> None:
+        """Start the solver with the object as it is served."""
+        self._folder = tempfile.mkdtemp(prefix='what_if_')
         self._process = with_parent.start(
             self._folder,
             [
@@ -105,7 +116,25 @@ class WhatIf:
                 '-p', f'friction:={GIVEN_FRICTION}',
             ],
         )  # fmt: skip
-        node.create_timer(1.0 / RATE_HZ, self._publish)
+        self._started = self._ended = time.monotonic()
+
+    def _look_after(self) -> None:
+        """Start the solver again where it has ended or was stopped; say so."""
+        code, now = self._process.poll(), time.monotonic()
+        if code is None and not is_stopped(self._process.pid):
+            self._ended = now
+            if now - self._started > LONGEST_PAUSE_S:
+                self._pause = FIRST_PAUSE_S
+            return
+        self._panel.say('the solver has ended and is started again …')
+        if now - self._ended < self._pause:
+            return
+        self._pause = min(2.0 * self._pause, LONGEST_PAUSE_S)
+        self._process.kill()
+        with_parent.stop(self._process)
+        shutil.rmtree(self._folder, ignore_errors=True)
+        self._future = None
+        self._start()
 
     def _write(self, wish: Wish) -> Path:
         """The wished object as a file of a new name, so that the solver sees a change."""
@@ -132,8 +161,7 @@ class WhatIf:
                 self._touches[drag.finger] = found[0]
         self._panel.show(self.fingers)
         self._follow_wish()
-        if self._process.poll() is not None:
-            self._panel.say(f'the solver has ended with exit code {self._process.returncode}')
+        self._look_after()
 
     def _place(self) -> None:
         """Fingers at the object's own contacts, else around its x axis; kept where they were."""

@@ -3,7 +3,8 @@
 
 `python -m grasp_view.with_parent FOLDER COMMAND ...`: when stdin ends, however its writer died,
 the command is asked to end and then made to. A signal to this process does the same, and where
-this process is killed the kernel ends the command.
+this process is killed the kernel ends the command. A command that somebody stopped (SIGSTOP) is
+ended, so that whoever started it can start it anew.
 """
 
 from __future__ import annotations
@@ -17,7 +18,10 @@ import sys
 import threading
 from collections.abc import Sequence
 
+from grasp_common.watchdog import is_stopped
+
 PATIENCE_S = 5.0
+LOOK_S = 0.2
 # From linux/prctl.h.
 PR_SET_PDEATHSIG = 1
 
@@ -50,13 +54,24 @@ def main(arguments: Sequence[str]) -> int:
         signal.signal(number, lambda *_: process.terminate())
     threading.Thread(target=_end_with_stdin, args=(process,), daemon=True).start()
     try:
-        return process.wait()
+        return _code_of(process)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
+def _code_of(process: subprocess.Popen[bytes]) -> int:
+    """Wait for its end; a process that is stopped does not go on by itself."""
+    while True:
+        try:
+            return process.wait(LOOK_S)
+        except subprocess.TimeoutExpired:
+            if is_stopped(process.pid):
+                process.kill()
+
+
 def _die_with_parent() -> None:
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    # Not SIGTERM: a command that was stopped would not hear it.
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _end_with_stdin(process: subprocess.Popen[bytes]) -> None:

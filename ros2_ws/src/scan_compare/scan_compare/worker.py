@@ -21,6 +21,7 @@ from threading import Thread
 import numpy as np
 
 from grasp_common.formats import RawMesh
+from grasp_common.watchdog import is_stopped
 from scan_compare.comparison import ComparisonError, Setup, compare
 from scan_compare.deformed_surface import (
     DeformedSurface,
@@ -37,7 +38,6 @@ from scan_compare.rigid import Pose
 from scan_compare.scan import Scan
 from scan_compare.scan_file import ScanFileError, read_scan, scan_of
 from scan_compare.units import UnitError
-from shell_deform.live.background.watchdog import is_stopped
 from shell_deform.objects import ObjectError, ShellObject, load_object, object_mesh
 from shell_deform.surface.control_mesh import ControlMesh, MeshError
 from shell_deform.surface.limit import LimitSurface

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp_common.watchdog import Watchdog, is_stopped
 from shell_deform.live.background.rest_shell import RestShell, unpacked
-from shell_deform.live.background.watchdog import Watchdog
 from shell_deform.live.exchange import REQUEST, Layout, SharedMemory, Slot
 from shell_deform.live.grip_motion import GripPlan
 
@@ -26,6 +26,8 @@ BACK_OFF_LAST_S = 10.0
 HEALTHY_S = 10.0
 PATIENCE_S = 2.0
 """A process that was asked to end is ended after this [s]."""
+LOOKED_AFTER_S = 0.2
+"""How often processes that do not serve yet are looked after [s]."""
 SPARE_AFTER_S = 1.0
 """A spare process is started so long after the other one is ready: the start is busy enough."""
 THREAD_VARIABLES = (
@@ -207,7 +209,7 @@ class WorkerLink:
         self.worker.start(build)
         self._back_off = BACK_OFF_FIRST_S
         self._start_at = 0.0
-        self._started = self._ready = -np.inf
+        self._started = self._ready = self._looked_after = -np.inf
         self._watchdog = Watchdog(self.worker.process.pid)
 
     @property
@@ -229,6 +231,7 @@ class WorkerLink:
         if not np.isfinite(self._started):
             self._started = now
         self._see_off(now)
+        self._look_after_others(now)
         if self.worker.memory is not None and self.worker.alive:
             self._watchdog.look(self.worker.memory.beats, now)
             if self._watchdog.hopeless:
@@ -256,6 +259,23 @@ class WorkerLink:
             self.restarts += 1
             self._started, self._start_at = now, 0.0
         return False
+
+    def _look_after_others(self, now: float) -> None:
+        """End processes that somebody stopped before they serve; a dead spare is none."""
+        if now - self._looked_after < LOOKED_AFTER_S:
+            return
+        self._looked_after = now
+        for one in (self.worker, self.candidate, self._spare):
+            if (
+                one is not None
+                and one.memory is None
+                and one.alive
+                and is_stopped(one.process.pid)
+            ):
+                one.process.kill()
+        if self._spare is not None and not self._spare.alive:
+            self._leave(self._spare)
+            self._spare = None
 
     def grade(self, places: Array, radius: float, curl: float) -> None:
         """Build the shell again with its mesh graded at `places` (k, 3) for contacts of `radius`.

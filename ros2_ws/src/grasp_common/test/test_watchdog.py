@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from shell_deform.live.background.watchdog import (
+from grasp_common.watchdog import (
     LOOPS_S,
     NOTICED_S,
     STARVED_S,

@@ -294,6 +294,16 @@ def test_a_pause_in_which_both_clocks_go_on_is_no_jump(pause):
     assert watch.jumps == 0
 
 
+@given(pause=st.floats(1.0, 100.0))
+def test_a_node_that_catches_up_after_a_pause_sees_no_jump(pause):
+    """It takes the samples of the pause at once; they were sent when their stamps say."""
+    watch = StampWatch()
+    for k in range(20):
+        watch.arrived(int(k * PERIOD * 1e9), k * PERIOD)
+    later = 20 * PERIOD + pause
+    assert watch.arrived(int(later * 1e9), later) is Arrival.NEXT
+
+
 def test_a_slow_stream_that_is_played_fast_does_not_jump():
     watch = StampWatch()
     stamps = [2.0 * i for i in range(10)]

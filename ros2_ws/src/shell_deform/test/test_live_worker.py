@@ -190,7 +190,7 @@ def loop(model):
     solver = LiveSolver(model)
     memory, descriptor = share(solver)
     os.close(descriptor)
-    return Loop(solver, memory, -1, polite=False)
+    return Loop(solver, memory, -1, None)
 
 
 def put(served, sample, number, jumps=0):

@@ -178,7 +178,7 @@ class DeformationNode(Node):
         except (MessageError, SampleError) as error:
             self._refuse(error, now)
             return
-        arrival = figures.stamps.arrived(sample.stamp, now)
+        arrival = figures.stamps.arrived(sample.stamp, 1e-9 * info['source_timestamp'] or now)
         if arrival is Arrival.REPEATED:
             # A stale copy repeats the stamp of what it copies: it says how things stand, no more.
             if sample.flags.size and (sample.flags & FLAG_STALE).any():

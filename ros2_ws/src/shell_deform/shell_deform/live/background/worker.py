@@ -74,8 +74,10 @@ def hand_over(solver: LiveSolver, connection: socket.socket, curl: float) -> Non
 class Loop:
     """Serves load cases from shared memory until the other side is gone."""
 
-    def __init__(self, solver: LiveSolver, memory: SharedMemory, event: int, polite: bool) -> None:
-        """`polite`: work in the idle class where that gets on."""
+    def __init__(
+        self, solver: LiveSolver, memory: SharedMemory, event: int, courtesy: Courtesy | None
+    ) -> None:
+        """`courtesy`: where the work is done, None for this thread."""
         self.solver = solver
         self.memory = memory
         self.event = event
@@ -84,7 +86,7 @@ class Loop:
         self.jumps = 0
         self.results = 0
         self.failure = ''
-        self.courtesy = Courtesy() if polite else None
+        self.courtesy = courtesy
 
     def run(self, connection: socket.socket) -> None:
         """Wait for load cases; returns when `connection` closes."""
@@ -169,6 +171,7 @@ def main() -> int:
         return 0
     options = json.loads(line)
     niceness = int(options['niceness'])
+    courtesy = Courtesy() if niceness else None
     os.nice(niceness)
     try:
         solver = LiveSolver(build(options))
@@ -202,7 +205,7 @@ def main() -> int:
         solver.warm_up()
     hand_over(solver, connection, float(str(options.get('curl') or 0.0)))
     solver.motion = Motion(float(solver.model.shell.thickness.mean()))
-    Loop(solver, memory, int(sys.argv[2]), polite=niceness > 0).run(connection)
+    Loop(solver, memory, int(sys.argv[2]), courtesy).run(connection)
     return 0
 
 

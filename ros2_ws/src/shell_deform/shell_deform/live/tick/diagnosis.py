@@ -72,6 +72,7 @@ def values(condition: Condition, now: float) -> dict[str, object]:
         'state': condition.state.value,
         'theory': link.worker.theory,
         'why this theory': link.worker.theory_reason,
+        'messages': figures.arrivals,
         'samples': figures.stamps.samples,
         'lost': 'unknown' if figures.losses.lost is None else figures.losses.lost,
         'refused': figures.refused,

@@ -14,7 +14,7 @@ import numpy as np
 
 WINDOW = 4096
 JUMP_S = 1.0
-"""Stamps that leave the steady clock by more have jumped; less is a loss of samples [s]."""
+"""Stamps that leave their publisher's clock by more have jumped; less is a loss of samples [s]."""
 JUMP_PERIODS = 10.0
 """And by so many sample periods: a slow stream played fast does not jump. A step back by less than
 so many periods, and than `JUMP_S`, is a sample that comes late."""
@@ -54,8 +54,10 @@ class Arrival(Enum):
 class StampWatch:
     """Counts what the stamps of a stream tell: samples, repeats, late ones, jumps of time.
 
-    Time jumps when it goes back (a bag played again, a seek) and when it runs ahead of the steady
-    clock (a seek forwards, a clock set anew). A pause of the hand is neither: both clocks go on.
+    Time jumps when it goes back (a bag played again, a seek) and when it runs ahead of the clock
+    by which its messages are sent (a seek forwards). A pause of the hand is neither: both clocks
+    go on. Nor is a node that catches up: when it comes to a message says nothing of when it was
+    sent.
     A step back of a few sample periods is no jump either: that sample was overtaken.
     """
 
@@ -65,11 +67,11 @@ class StampWatch:
         self.late = 0
         self.jumps = 0
         self._last = 0
-        self._arrived = 0.0
+        self._sent = 0.0
         self._gaps: deque[float] = deque(maxlen=GAPS)
 
-    def arrived(self, stamp_ns: int, now: float) -> Arrival:
-        """Take the stamp of a sample that arrived at steady time `now` [s]."""
+    def arrived(self, stamp_ns: int, sent: float) -> Arrival:
+        """Take the stamp of a sample that was published at `sent` [s] by its publisher's clock."""
         if self.samples and stamp_ns == self._last:
             self.repeated += 1
             return Arrival.REPEATED
@@ -79,10 +81,10 @@ class StampWatch:
             self.samples += 1
             self.late += 1
             return Arrival.LATE
-        ahead = gap - (now - self._arrived)
+        ahead = gap - (sent - self._sent)
         first = self.samples == 0
         self.samples += 1
-        self._last, self._arrived = stamp_ns, now
+        self._last, self._sent = stamp_ns, sent
         if first:
             return Arrival.NEXT
         if gap > 0.0:

@@ -111,6 +111,12 @@ class Hand(Protocol):
     def sample(self, velocities: Mapping[int, float] | None) -> HandSample:
         """One cycle: command velocities if given, read everything back."""
 
+    def open_by_itself(self, speeds: Mapping[int, float]) -> bool:
+        """Let fingers open at speeds in rad/s without being told in every cycle, and end there.
+
+        False where the hand cannot in the mode that it is used in.
+        """
+
     def limit_force(self, counts: Mapping[int, int | None]) -> None:
         """Set the hand's own strain limit per finger in counts (None: no limit)."""
 

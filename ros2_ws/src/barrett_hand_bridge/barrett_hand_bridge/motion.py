@@ -119,6 +119,10 @@ class Opening:
         """See `Motion`."""
         return {'open_speed': self._speed}
 
+    def by_finger(self) -> Mapping[int, float]:
+        """The speeds in rad/s, for a hand whose fingers open by themselves."""
+        return dict.fromkeys(self._fingers, self._speed)
+
 
 @dataclass(frozen=True)
 class CloseSettings:

@@ -24,7 +24,7 @@ from barrett_hand_bridge.hand import (
     HandNotInitialisedError,
     HandSample,
 )
-from barrett_hand_bridge.motion import Motion, MotionResult, slower_than_hand
+from barrett_hand_bridge.motion import Motion, MotionResult, Opening, slower_than_hand
 from barrett_hand_bridge.observer import HandObserver, Observation
 from barrett_hand_bridge.tare import TARE_SAMPLES
 
@@ -137,6 +137,7 @@ class HandWorker:
         self._connected_once = False
         self._wait_s = FIRST_WAIT_S
         self._motion: _Command | None = None
+        self._by_itself = False
         self._tare: _Command | None = None
         self._tare_samples: list[HandSample] = []
         self._failures = 0
@@ -286,7 +287,7 @@ class HandWorker:
         if isinstance(step, MotionResult):
             self._end_motion(step.done, step.message)
             return {}
-        return dict(step)
+        return None if self._by_itself else dict(step)
 
     def _failed(self, error: HandError) -> None:
         self._end_motion(False, f'stopped, the link failed: {error}')
@@ -366,6 +367,11 @@ class HandWorker:
             return
         limit_nm = command.motion.limit_nm(self._latest)
         self._hand.limit_force(self._observer.strain_limits(limit_nm))
+        motion = command.motion
+        # What the hand does by itself ends by itself, also when this process dies.
+        self._by_itself = isinstance(motion, Opening) and self._hand.open_by_itself(
+            motion.by_finger()
+        )
         self._motion = command
 
     def _end_motion(self, success: bool, message: str) -> None:

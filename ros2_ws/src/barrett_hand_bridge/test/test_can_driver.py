@@ -337,6 +337,23 @@ def test_velocity_mode_gets_its_stall_time_and_limits_and_gives_them_back(bench)
     assert emulated.refusals == []
 
 
+def test_fingers_open_by_a_movement_command_that_ends_when_nobody_watches(bench, wait_until):
+    hand, emulated = bench(prefetch=False)
+    hand.connect()
+    hand.initialize()
+    while hand.sample({1: 2.5}).finger_counts[0] < 5000:
+        continue
+    hand.sample({})
+    assert hand.open_by_itself({1: 0.8})
+    # Not one frame more: this is what remains of a motion whose host has died.
+    wait_until(lambda: emulated.mechanics.encoder_counts(1) == 0, 20.0)
+    wait_until(lambda: emulated.pucks[1].mode == 0, 20.0)
+    slowed = emulated.pucks[1].values[45]
+    hand.sample({1: 2.5})
+    wait_until(lambda: emulated.pucks[1].values[45] > slowed, 20.0)
+    assert emulated.refusals == []
+
+
 def test_a_motor_before_its_homing_does_not_run_whatever_it_is_told(bench):
     hand, emulated = bench()
     hand.connect()

@@ -74,6 +74,8 @@ class ScriptedHand:
             self.log.append(dict(velocities))
             if self.moves and velocities.get(1):
                 self.position = max(self.position - 500, 0)
+        elif self.log and self.log[-1] == 'open' and self.opens_by_itself:
+            self.position = max(self.position - 500, 0)
         return HandSample(
             self.stamp_ns,
             (self.position, 0, 0),
@@ -86,6 +88,12 @@ class ScriptedHand:
 
     def limit_force(self, counts):
         self.log.append('limit')
+
+    def open_by_itself(self, speeds):
+        self.log.append('open')
+        return self.opens_by_itself
+
+    opens_by_itself = False
 
     def tare_touch(self):
         self.log.append('tare touch')
@@ -270,3 +278,25 @@ def test_ticks_pace_the_cycles(bench, wait_until):
     for number in range(1, 5):
         worker.tick()
         assert len(seen(events, Observed, wait_until, number)) == number
+
+
+def test_a_hand_that_opens_by_itself_gets_no_velocities_while_it_does(bench, wait_until):
+    worker, hand, events = bench()
+    hand.opens_by_itself = True
+    seen(events, Observed, wait_until)
+    assert worker.submit('move', Opening([1], 0.8)).result(10.0).message == 'open'
+    after = hand.log[hand.log.index('open') + 1 :]
+    wait_until(lambda: {} in hand.log, 10.0)
+    assert [entry for entry in after if entry] == []
+
+
+def test_stopping_a_hand_that_opens_by_itself_stops_it(bench, wait_until):
+    worker, hand, events = bench()
+    hand.opens_by_itself = True
+    hand.position = 10**6
+    seen(events, Observed, wait_until)
+    moving = worker.submit('move', Opening([1], 0.8))
+    wait_until(lambda: 'open' in hand.log, 10.0)
+    assert worker.submit('stop').result(10.0).success
+    assert moving.result(10.0).message == 'stopped'
+    assert 'stop' in hand.log[hand.log.index('open') :]

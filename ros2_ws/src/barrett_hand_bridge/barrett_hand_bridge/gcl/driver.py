@@ -351,6 +351,10 @@ class SerialHand:
         except (HandLinkError, serial.SerialException, OSError, TypeError) as error:
             raise HandError(f'the hand no longer answers: {error}') from error
 
+    def open_by_itself(self, speeds: Mapping[int, float]) -> bool:
+        """See `Hand`: RealTime mode knows velocities only."""
+        return False
+
     def limit_force(self, counts: Mapping[int, int | None]) -> None:
         """Set HSG per finger, LSG for flipped gauges: the hand itself stops closing there.
 

@@ -346,6 +346,15 @@ class CanHand:
             motors=self._replies.motors(),
         )
 
+    def open_by_itself(self, speeds: Mapping[int, float]) -> bool:
+        """See `Hand`: a movement command of the motor controllers.
+
+        Raises:
+            HandError: the bus takes no frames.
+        """
+        self._commands.open(self._connected(), speeds)
+        return True
+
     def limit_force(self, counts: Mapping[int, int | None]) -> None:
         """Set HSG per finger, where the firmware has it: above it the finger gives way by itself.
 

@@ -3,7 +3,8 @@
 
 The maker's page on control modes: velocity is MODE 4 with TSTOP 0, limited to MV. With a stall
 time a slow squeeze against something soft counts as a stall, and the motor goes idle. MT, the
-highest motor torque, holds in every mode; HSG is documented for movement commands only.
+highest motor torque, holds in every mode; HSG is documented for movement commands only. Opening is
+such a command: it ends by itself, at the open target or by a stall, also when nobody watches it.
 """
 
 from __future__ import annotations
@@ -41,12 +42,26 @@ class VelocityCommands:
         """`motor_torque`: MT of every motor that moves, in the puck's own units."""
         self._motor_torque = motor_torque
         self._sent: dict[int, int] = {}
+        self._slowed: set[int] = set()
 
     def prepare(self, pucks: Pucks) -> None:
         """Set the limits that hold in every mode."""
         for motor in MOTORS_ALL:
             pucks.set(motor, 'MT', self._motor_torque)
-            pucks.set(motor, 'MV', round(FASTEST_RAD_S / speed_step_rad_s(motor)))
+            self._let_run(pucks, motor)
+
+    def _let_run(self, pucks: Pucks, motor: int) -> None:
+        pucks.set(motor, 'MV', round(FASTEST_RAD_S / speed_step_rad_s(motor)))
+        self._slowed.discard(motor)
+
+    def open(self, pucks: Pucks, speeds: Mapping[int, float]) -> None:
+        """Let motors open by themselves, at speeds in rad/s."""
+        for motor, speed in speeds.items():
+            pucks.set(motor, 'MV', max(round(speed / speed_step_rad_s(motor)), 1))
+            pucks.set(motor, 'TSTOP', STALL_MS[motor])
+            pucks.set(motor, 'CMD', properties.COMMAND_OPEN)
+            self._slowed.add(motor)
+            self._sent.pop(motor, None)
 
     def forget(self) -> None:
         """What was sent no longer counts: somebody else has stopped the motors."""
@@ -67,6 +82,8 @@ class VelocityCommands:
                 pucks.set(motor, 'MODE', properties.MODE_IDLE)
                 pucks.set(motor, 'TSTOP', STALL_MS[motor])
                 continue
+            if motor in self._slowed:
+                self._let_run(pucks, motor)
             if not before or refresh:
                 pucks.set(motor, 'TSTOP', 0)
             pucks.set(motor, 'V', speed)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import struct
 from array import array
 from collections.abc import Mapping
 from typing import Any
@@ -31,6 +32,15 @@ _DATATYPE_OF = {code: number for number, code in DATATYPES.items()}
 def nanoseconds(stamp: Time) -> int:
     """A ROS time in nanoseconds."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def raw_stamp(message: bytes) -> int:
+    """The stamp of a serialised message with a header in front [ns]; 0 where it is too short."""
+    if len(message) < 12:
+        return 0
+    # The second octet of the encapsulation tells the order of all others.
+    seconds, rest = struct.unpack_from('<iI' if message[1] & 1 else '>iI', message, 4)
+    return int(seconds) * 1_000_000_000 + int(rest)
 
 
 def time_message(stamp_ns: int) -> Time:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
 
@@ -11,6 +12,14 @@ from grasp_common.messages import cloud
 from grasp_common.point_cloud import MessageError
 
 ERROR_LAYOUT = np.dtype([(name, '<f4') for name in ('x', 'y', 'z', 'distance')])
+
+
+def cloud_of(serialised: bytes, topic: str) -> PointCloud2:
+    """A cloud as it came over the wire; raises MessageError if it is none."""
+    try:
+        return deserialize_message(serialised, PointCloud2)
+    except RuntimeError as error:
+        raise MessageError(f'{topic} is not a PointCloud2: {error}') from error
 
 
 def triangles(message: Mesh) -> np.ndarray:

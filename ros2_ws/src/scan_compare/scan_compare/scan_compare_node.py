@@ -25,12 +25,12 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from grasp_common.main_node import declare, run_node, status_name
-from grasp_common.messages import diagnostics, named_numbers, nanoseconds, number
+from grasp_common.messages import diagnostics, named_numbers, nanoseconds, number, raw_stamp
 from grasp_common.parameter_table import ParameterError
 from grasp_common.point_cloud import CloudReader, MessageError
 from scan_compare import messages, parameters
 from scan_compare.pairing import CONTACT_FIELDS, finger_forces, remarks, start_pose
-from scan_compare.surface_history import StampedSurface, SurfaceHistory
+from scan_compare.surface_history import SPACING_NS, StampedSurface, SurfaceHistory
 from scan_compare.worker import Cloud, Job, Result, Worker
 
 TEND_PERIOD_S = 0.02
@@ -76,7 +76,8 @@ class ScanCompareNode(Node):
         self._futures: dict[int, Future] = {}
         self._jobs = 0
         self._scans = self._done = self._refused = self._dropped = 0
-        self._contacts: PointCloud2 | None = None
+        self._contacts = self._surface = b''
+        self._surface_read_ns = -SPACING_NS
         self._surfaces = CloudReader('deformation/surface')
         self._grips = CloudReader('hand/contacts')
         self._clouds = CloudReader('scan/points')
@@ -99,12 +100,14 @@ class ScanCompareNode(Node):
             'deformation/surface',
             self._surface_message,
             QoSProfile(depth=SURFACE_DEPTH, reliability=best_effort),
+            raw=True,
         )
         self.create_subscription(
             PointCloud2,
             'hand/contacts',
             self._contacts_message,
             QoSProfile(depth=1, reliability=best_effort),
+            raw=True,
         )
         self.create_subscription(Mesh, 'deformation/mesh', self._mesh_message, latched)
         # a group of its own: while the answer is awaited, timers and topics go on
@@ -142,7 +145,25 @@ class ScanCompareNode(Node):
         except MessageError as error:
             self._refuse(str(error))
 
-    def _surface_message(self, message: PointCloud2) -> None:
+    # Contacts and surfaces come hundreds of times a second, scans every few minutes: what comes
+    # stays as it came until it is wanted.
+
+    def _surface_message(self, message: bytes) -> None:
+        self._surface = message
+        if abs(raw_stamp(message) - self._surface_read_ns) >= SPACING_NS:
+            self._read_surface()
+
+    def _read_surface(self) -> None:
+        """Take the newest surface into the history."""
+        waiting, self._surface = self._surface, b''
+        if not waiting:
+            return
+        self._surface_read_ns = raw_stamp(waiting)
+        try:
+            message = messages.cloud_of(waiting, 'deformation/surface')
+        except MessageError as error:
+            self._refuse(str(error))
+            return
         fields: tuple[str, ...] = SURFACE_FIELDS
         if any(field.name == OUTER_FIELDS[0] for field in message.fields):
             fields = (*SURFACE_FIELDS, *OUTER_FIELDS)
@@ -154,20 +175,22 @@ class ScanCompareNode(Node):
         if len(rows) == 0 or not np.all(np.isfinite(rows)):
             self._refuse('deformation/surface is empty or holds numbers that are not finite')
             return
+        # As precise as they came: of these there are thousands.
+        rows = rows.astype(np.float32)
         stamp = nanoseconds(message.header.stamp)
         frame = message.header.frame_id
         outer = rows[:, 6:] if len(fields) > 6 else None
         self.history.add(StampedSurface(stamp, rows[:, :3], rows[:, 3:6], frame, outer))
 
-    def _contacts_message(self, message: PointCloud2) -> None:
-        # read when a scan arrives: contacts come a thousand times as often
+    def _contacts_message(self, message: bytes) -> None:
         self._contacts = message
 
     def _forces(self) -> dict[int, float]:
-        if self._contacts is None:
+        if not self._contacts:
             return {}
         try:
-            rows = self._grips.read_columns(self._contacts, CONTACT_FIELDS)
+            message = messages.cloud_of(self._contacts, 'hand/contacts')
+            rows = self._grips.read_columns(message, CONTACT_FIELDS)
         except MessageError as error:
             self._refuse(str(error))
             return {}
@@ -242,6 +265,7 @@ class ScanCompareNode(Node):
             self._publish(result)
 
     def _surface_is_due(self, pending: Pending) -> bool:
+        self._read_surface()
         newest = self.history.newest
         if newest is not None and newest.stamp_ns >= pending.stamp_ns:
             return self._triangles is not None or self._waited(pending)
@@ -251,6 +275,7 @@ class ScanCompareNode(Node):
         return time.monotonic() - pending.arrived >= float(self._value('surface_wait'))
 
     def _submit(self, pending: Pending) -> None:
+        self._read_surface()
         surface = self.history.at(pending.stamp_ns) if self._triangles is not None else None
         self._jobs += 1
         values = self._values()
@@ -265,8 +290,10 @@ class ScanCompareNode(Node):
             object=str(values['object']),
             triangles=None if surface is None else self._triangles,
             rest=None if surface is None else surface.rest,
-            deformed=None if surface is None else surface.position,
-            outer=None if surface is None else surface.outer,
+            deformed=None if surface is None else surface.position.astype(np.float64),
+            outer=None
+            if surface is None or surface.outer is None
+            else surface.outer.astype(np.float64),
             start=start_pose(values, pending.frame, surface),
             scanner_sigma_m=sigma,
             outlier_m=outlier or None,

@@ -28,7 +28,7 @@ class StampedSurface:
     @property
     def rest(self) -> np.ndarray:
         """Limit positions (n, 3) at rest [m]."""
-        return self.position - self.displacement
+        return self.position.astype(np.float64) - self.displacement
 
     @property
     def max_displacement(self) -> float:

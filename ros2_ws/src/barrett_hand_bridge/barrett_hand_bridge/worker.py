@@ -35,7 +35,7 @@ COMMAND_PERIOD_S = 0.02
 # So many cycles in a row may be disturbed before the link counts as lost.
 MOST_DISTURBANCES = 3
 # How often the stop guard is looked after, and how much cooler a hot hand must get.
-GUARD_PERIOD_S = 0.25
+GUARD_PERIOD_S = 0.1
 COOLER_C = 5.0
 
 
@@ -221,6 +221,7 @@ class HandWorker:
         self._tell(Connected(facts, again))
 
     def _turn(self) -> None:
+        self._watch_guard()
         self._obey()
         if self._ticks is not None:
             if not self._ticks.wait(COMMAND_PERIOD_S):
@@ -241,7 +242,6 @@ class HandWorker:
             return
         self._failures = 0
         self._watch_temperature(sample)
-        self._watch_guard()
         assert self._observer is not None
         self._latest = self._observer.observe(sample)
         self._tell(Observed(self._latest, sample, complete_ns))

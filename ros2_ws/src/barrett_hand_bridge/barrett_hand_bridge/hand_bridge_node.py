@@ -314,6 +314,8 @@ class HandBridge(LifecycleNode):
             self._topics.stale(self._latest)
 
     def _on_diagnostics(self) -> None:
+        if self._emulator is not None:
+            self._emulator.look_after()
         health = self._health
         observer = None if self._worker is None else self._worker.observer
         now_s = time.monotonic()

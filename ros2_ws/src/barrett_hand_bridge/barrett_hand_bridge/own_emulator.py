@@ -44,6 +44,11 @@ class OwnEmulator:
             self._begin()
         return self.port
 
+    def look_after(self) -> None:
+        """End a process that somebody stopped: the line is lost, and another one starts."""
+        if is_stopped(self._process.pid):
+            self._process.kill()
+
     def _begin(self) -> None:
         # The table is read before anything else happens: a killed node leaves no folder behind.
         with tempfile.TemporaryDirectory(prefix='hand_emulator_') as folder:

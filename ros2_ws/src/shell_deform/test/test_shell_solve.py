@@ -96,6 +96,13 @@ def test_headings_keep_their_units_and_rest_is_plain_zero(capsys):
     assert '-0' not in told and 'e-' not in told
 
 
+def test_the_gas_of_a_ball_at_rest_is_a_plain_zero_on_a_coarse_mesh(capsys):
+    # Its volume is that of the rounded mesh to some 1e-16.
+    command = ['--object', 'tennis_ball', '--theory', 'koiter', '--vertices', '200']
+    assert shell_solve.main([*command, '--displacement-sweep', '0:0.001:1']) == 0
+    assert 'e-' not in capsys.readouterr().out
+
+
 def test_a_hold_relaxes_at_constant_travel_and_says_what_is_beyond_its_law(tmp_path, capsys):
     path = tmp_path / 'ball.yaml'
     law = 'relaxation: {kind: log, share_per_decade: 0.03, from_s: 0.1, to_s: 100}'

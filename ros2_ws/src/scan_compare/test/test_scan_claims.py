@@ -38,6 +38,30 @@ def test_a_column_that_numbers_the_points_is_no_coordinate(first: int, mark: str
     assert np.allclose(named.points * 1e3, SPHERE, atol=1e-3)
 
 
+def test_a_column_of_times_is_no_coordinate() -> None:
+    rows = [f'{0.1 * k:.2f} {_table(p[None])}' for k, p in enumerate(SPHERE)]
+    _refused(''.join(rows), '.xyz', 'first column numbers the points')
+
+
+def test_a_heading_counts_whatever_separates_its_names() -> None:
+    rows = _table(SPHERE[:, ::-1], ';')
+    for heading in ('z,y,x', 'z y x', 'z\ty\tx'):
+        found = parse_scan(f'{heading}\n{rows}'.encode(), '.csv', 'x', 'mm').points
+        assert np.allclose(found * 1e3, SPHERE, atol=1e-3)
+    assert len(parse_scan(_table(SPHERE, '|').encode(), '.txt', 'x', 'mm').points) == 40
+
+
+def test_decimal_commas_in_vrml_are_refused_and_commas_between_points_read() -> None:
+    scene = (
+        '#VRML V2.0 utf8\nShape {{ geometry PointSet {{ coord Coordinate {{ point [ {} ] }} }} }}'
+    )
+    _refused(
+        scene.format(_table(SPHERE, ' ', '{:.1f}').replace('.', ',')), '.wrl', 'decimal comma'
+    )
+    whole = ','.join(' '.join(f'{v:.0f}' for v in p) for p in SPHERE)
+    assert len(parse_scan(scene.format(whole).encode(), '.wrl', 'x', 'mm').points) == 40
+
+
 def test_a_grid_whose_x_counts_up_is_read() -> None:
     grid = np.stack(np.meshgrid(np.arange(3), np.arange(30)), -1).reshape(-1, 2)
     rows = np.column_stack([grid, grid.sum(axis=1) * 0.5, np.ones(len(grid))])

@@ -22,6 +22,10 @@ FEW_TRIANGLES = 100_000
 """Faces of a piece may have any size up to this many triangles; beyond it, LARGEST_MEAN_FAN
 triangles each: a corner of two bytes would otherwise become a triangle of twelve."""
 
+LOOKED_AT = 2**16
+"""Bytes of a text that tell how its numbers are written."""
+
+_DECIMAL_COMMA = re.compile(rb'[+-]?\d+,\d+,?\Z')
 _WHITE_SPACE = bytes.maketrans(b'\r\v\f', b'\n  ')
 
 
@@ -89,6 +93,17 @@ def _first_bad_token(text: bytes) -> str:
                 return f'{found}, with a decimal comma,'
             return found
     return 'a token'
+
+
+def refuse_decimal_commas(text: bytes, what: str) -> None:
+    """Raise ScanFileError where a format takes commas for blanks and nearly every word has one."""
+    words = text[:LOOKED_AT].split()
+    commas = sum(map(bool, map(_DECIMAL_COMMA.match, words)))
+    if len(words) >= 3 and b'.' not in text and 3 * commas > 2 * len(words):
+        found = b' '.join(words[:3])[:60].decode('latin-1')
+        raise ScanFileError(
+            f'{what} with decimal commas, as in {found!r}; export it with decimal points'
+        )
 
 
 def refuse_swapped(values: np.ndarray, what: str) -> None:

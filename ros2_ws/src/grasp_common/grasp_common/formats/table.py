@@ -29,6 +29,9 @@ MOST_TITLES = 50
 FEWEST_COUNTED = 5
 """So many lines tell a running number from a coordinate."""
 
+SAME_STEP = 1e-3
+"""Steps of a running number or a time differ by less than this share: it is rounded."""
+
 _COMMENT = re.compile(rb'(#|//)[^\n]*')
 _NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?\Z|[+-]?(nan|inf|infinity)\Z', re.I)
 _DECIMAL_COMMA = re.compile(r'[+-]?\d*,\d+([eE][+-]?\d+)?\Z')
@@ -202,7 +205,7 @@ def _front(data: bytes) -> _Front:
     """Sort the first lines by what they are; raises ScanFileError without any row."""
     front = _Front()
     for number, (line, comment) in enumerate(_first_lines(data)):
-        words = line.replace('"', ' ').replace(',', ' ').replace(';', ' ').split()
+        words = re.sub('[",;|]', ' ', line).split()
         if not words:
             front.comments += [comment] if comment and not front.rows else []
         elif front.rows:
@@ -292,14 +295,17 @@ def _refuse_split_decimals(rows: list[str], count: int) -> None:
 
 
 def _refuse_counted(rows: list[str], delimiter: str | None) -> None:
-    """Raise ScanFileError if the first of more than three unnamed columns numbers the lines."""
+    """Raise ScanFileError if the first of more than three unnamed columns counts or is a time.
+
+    That is one that grows by the same step from each line to the next.
+    """
     first = [_fields(row, delimiter)[0] for row in rows if row.strip()]
-    if len(first) < FEWEST_COUNTED or not all(map(_WHOLE.match, first)):
+    if len(first) < FEWEST_COUNTED or not all(map(_is_number, first)):
         return
-    start = int(first[0])
-    if start in (0, 1) and [int(number) for number in first] == list(
-        range(start, start + len(first))
-    ):
+    with np.errstate(invalid='ignore'):
+        steps = np.diff([float(word.lower().replace('d', 'e')) for word in first])
+        same = steps[0] > 0.0 and np.ptp(steps) <= SAME_STEP * steps[0]
+    if same:
         raise ScanFileError(
             f'its first column numbers the points ({", ".join(first[:3])}, ...) and no heading '
             'names the others; write a heading such as "n x y z", or drop that column'
@@ -333,7 +339,7 @@ def _heading(
     """
     unknown: list[str] | None = None
     for line in reversed(titles):
-        for names in (_fields(line, delimiter), _fields(line, None)):
+        for names in (_fields(line, mark) for mark in (delimiter, None, ',', ';', '\t')):
             axes = _axes(names)
             if axes is not None and len(names) == count:
                 return axes

@@ -23,6 +23,7 @@ from grasp_common.formats.raw import (
     chunks_of_lines,
     chunks_of_words,
     parse_numbers,
+    refuse_decimal_commas,
     triangles_from_polygons,
 )
 
@@ -304,6 +305,8 @@ class _Parser:
         start, end = self._position + 1, plain.end()
         if self._data[end : end + 1] != b']' or not self._starts_with_number(start, end):
             return None
+        if key == 'point':
+            refuse_decimal_commas(self._data[start:end], 'VRML points')
         numbers = Rows(_LONG_FIELDS.get(key, np.float64), 1)
         if key in _SHORT_FIELDS or key in _LONG_FIELDS:
             for text in self._plain_text(start, end):

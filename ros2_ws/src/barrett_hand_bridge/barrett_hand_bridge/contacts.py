@@ -26,7 +26,7 @@ class Contact:
     """One contact in the hand frame: SI units, vectors (3,).
 
     `force` is that of the finger on the object, along the normal alone: one torque per finger
-    cannot tell a tangential part, whose sigma is infinite.
+    cannot tell a tangential part, whose sigma is infinite. `along`: of the finger to its tip.
     """
 
     finger: int
@@ -40,6 +40,7 @@ class Contact:
     sigma_travel_m: float
     sigma_point_m: float
     sigma_direction_rad: float
+    along: Array
     sigma_tangential_n: float = math.inf
 
 

@@ -34,6 +34,7 @@ CONTACT_TYPE = np.dtype(
         ('sigma_travel', '<f4'),
         ('sigma_point', '<f4'),
         ('sigma_normal', '<f4'),
+        *((name, '<f4') for name in ('ax', 'ay', 'az')),
     ]
 )
 # What parameter close_force allows.
@@ -59,6 +60,7 @@ def contacts_message(
         row['sigma_travel'] = contact.sigma_travel_m
         row['sigma_point'] = contact.sigma_point_m
         row['sigma_normal'] = contact.sigma_direction_rad
+        row['ax'], row['ay'], row['az'] = contact.along
     return cloud(rows, stamp_ns, frame, _CONTACT_FIELDS, dense=False)
 
 

@@ -331,6 +331,7 @@ class HandObserver:
             sigma_travel_m=sigma_travel,
             sigma_point_m=math.hypot(pin.position_sigma_m, 0.13 * s.backlash_sigma_rad),
             sigma_direction_rad=sigma_direction,
+            along=frames.tip[:3, 0],
         )
         return FingerReading(
             gauge_counts=counts,

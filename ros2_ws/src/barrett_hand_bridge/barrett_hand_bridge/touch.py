@@ -127,6 +127,7 @@ def touch_contacts(
                     sigma_travel_m=math.inf,
                     sigma_point_m=0.5 * math.sqrt(cell.area_m2),
                     sigma_direction_rad=math.radians(5.0),
+                    along=pose[:3, 0],
                 )
             )
     return contacts

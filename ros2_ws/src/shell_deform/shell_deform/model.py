@@ -253,10 +253,13 @@ class ShellModel:
         body = Body(RoundBar(float(radius)), origin, frame_of(axis), axis, friction)
         return replace(patch, axis=axis, body=body, slides=True)
 
+    def held_radius(self, size: float) -> float:
+        """Radius [m] of the patch that stands for a body of this size [m]."""
+        return float(min(size, HELD_SHARE * np.sqrt(self.shell.area)))
+
     def _first_touched(self, at: Array, size: float) -> tuple[ContactPatch, Array]:
         """The patch of a body of this size [m], and the point (3,) of the outer face under it."""
-        held = min(size, HELD_SHARE * np.sqrt(self.shell.area))
-        patch = contact_patch(self.surface, at, held)
+        patch = contact_patch(self.surface, at, self.held_radius(size))
         wall = self.shell.thickness[
             np.argmin(np.linalg.norm(self.shell.value_matrix() @ self.rest - patch.point, axis=1))
         ]

@@ -46,6 +46,7 @@ FIELDS = [
     ('sigma_t', 'f4'),
     ('travel', 'f4'),
     ('sigma_travel', 'f4'),
+    *((name, 'f4') for name in ('ax', 'ay', 'az')),
 ]
 ROW = np.dtype(FIELDS)
 CODES = {'f4': PointField.FLOAT32, 'u1': PointField.UINT8}
@@ -103,6 +104,8 @@ def cloud(contacts: ContactSample, frame='hand_base') -> PointCloud2:
     rows['finger'], rows['flags'] = contacts.finger, contacts.flags
     rows['sigma_t'], rows['travel'] = contacts.sigma_tangential, contacts.travel
     rows['sigma_travel'] = contacts.sigma_travel
+    for i, axis in enumerate('xyz'):
+        rows['a' + axis] = contacts.along[:, i]
     message = PointCloud2(
         height=1,
         width=len(rows),

@@ -28,6 +28,16 @@ MAX_PAIRS = MAX_CONTACTS * (MAX_CONTACTS + 1) // 2
 MAX_AFFINE = AFFINE * MAX_GRIPS
 SLOTS = 4
 
+MAX_TAXELS = 512
+
+TAXEL_FIELDS = (
+    *('x', 'y', 'z', 'nx', 'ny', 'nz', 'fx', 'fy', 'fz'),
+    *('area', 'sticking', 'pressure', 'shear', 'finger', 'cell'),
+)
+"""One touch cell: where it is and faces [m], the force of the finger on the object there [N], how
+much of the object it touches and how much of that sticks [m^2], the means of pressure and friction
+over what it touches [Pa], and whose it is. Vectors in the object's frame."""
+
 DRIVE_FORCE = 0
 DRIVE_CODES = {'force': DRIVE_FORCE, 'motion': 1, 'fused': 2}
 """What a load case goes by: field `drive` of a request."""
@@ -41,9 +51,11 @@ TOUCH = np.dtype(
         ('force', '<f8'),
         ('travel', '<f8'),
         ('displacement', '<f8'),
+        ('along', '<f8', 3),
     ]
 )
-"""One touching finger: in the contacts' frame; `displacement` NaN where it is not prescribed."""
+"""One touching finger: in the contacts' frame; `displacement` NaN where it is not prescribed,
+`along` the finger NaN where it is not known."""
 
 REQUEST = np.dtype(
     [
@@ -57,6 +69,7 @@ REQUEST = np.dtype(
         ('placed', '<i8'),
         ('pose', '<f8', 7),
         ('tendon', '<f8'),
+        ('friction', '<f8'),
         ('rigid', '<f8', MAX_RIGID),
         ('grip', '<f8', (MAX_GRIPS, 6)),
         ('touch', TOUCH, MAX_CONTACTS),
@@ -106,6 +119,11 @@ RESULT = np.dtype(
         ('third_reach', '<f8'),
         ('push_bend', '<f8', MAX_CONTACTS),
         ('carried', '<f8', 7),
+        ('frame', '<f8', (MAX_CONTACTS, 3, 3)),
+        ('reach', '<f8', MAX_CONTACTS),
+        ('set_doubt', '<f8'),
+        ('taxels', '<i8'),
+        ('refused', '<i8'),
         ('pose', '<f8', 7),
         ('pose_covariance', '<f8', (6, 6)),
         ('grip', '<f8', (MAX_GRIPS, 6)),
@@ -158,7 +176,8 @@ class Layout:
     def slot(self) -> int:
         """Bytes of one result slot."""
         fields = 3 + MAX_INPUTS + MAX_CONTACTS + 2 * self.outer + AFFINE * self.grips
-        return _round(RESULT.itemsize + fields * self.field + 24 * self.vertices)
+        taxels = 8 * MAX_TAXELS * len(TAXEL_FIELDS)
+        return _round(RESULT.itemsize + fields * self.field + 24 * self.vertices + taxels)
 
     @property
     def requests(self) -> int:
@@ -193,6 +212,7 @@ class Slot:
         third: (n,) [1/m^2] size of the third-order motion per cubed step.
         energy_density: (n,) strain energy per undeformed area [J/m^2].
         unmodelled: (n,) sigma of what no shell theory has, beside a pin [m].
+        taxels: room for (t, f) touch cells, see `TAXEL_FIELDS`.
         outer: (n, 3) of the outer face over the surface [m]; outer_slope: (n, 3) its change per
             step along `bend_direction` [-]. None where it is half a wall along the normal.
         grips: (n, 3, 12 g) motions per unit of each number of the grips' `affine`.
@@ -207,6 +227,7 @@ class Slot:
     third: Array
     energy_density: Array
     unmodelled: Array
+    taxels: Array
     outer: Array | None
     outer_slope: Array | None
     grips: Array
@@ -260,13 +281,15 @@ class SharedMemory:
         parts = []
         affine = AFFINE * self.layout.grips
         face = [3 * n, 3 * n] * self.layout.outer
+        taxels = MAX_TAXELS * len(TAXEL_FIELDS)
         columns = (3 * n * MAX_INPUTS, 3 * n * MAX_CONTACTS)
-        sizes = (3 * n, 3 * n, *columns, 3 * n, n, n, n, 3 * n * affine, *face)
+        more = (3 * n * affine, taxels)
+        sizes = (3 * n, 3 * n, *columns, 3 * n, n, n, n, *more, *face)
         for count in sizes:
             parts.append(self._view('<f8', at, count))
             at += 8 * count
         surface, normals, inputs, linear, bend, third, energy_density, unmodelled = parts[:8]
-        outer = [part.reshape(n, 3) for part in parts[9:]] or (None, None)
+        outer = [part.reshape(n, 3) for part in parts[10:]] or (None, None)
         return Slot(
             record,
             surface.reshape(n, 3),
@@ -277,6 +300,7 @@ class SharedMemory:
             third,
             energy_density,
             unmodelled,
+            parts[9].reshape(MAX_TAXELS, len(TAXEL_FIELDS)),
             outer[0],
             outer[1],
             parts[8].reshape(n, 3, affine),
@@ -321,6 +345,11 @@ class SharedMemory:
     def newest(self) -> int:
         """Number of the newest result, 0 before the first."""
         return int(self.control[0]) // SLOTS
+
+    @property
+    def answered(self) -> int:
+        """Which request the newest result answers, 0 before the first."""
+        return int(self.slots[int(self.control[0]) % SLOTS].record['answers'])
 
     def take(self) -> Slot:
         """The newest result, kept from being overwritten until the next `take`."""

@@ -36,6 +36,7 @@ from shell_deform.live.pose import Pose, PoseError, pose_of
 from shell_deform.live.tick import diagnosis
 from shell_deform.live.tick.contact_cloud import ContactReader
 from shell_deform.live.tick.estimator import Estimator, Served
+from shell_deform.live.tick.finger_path import FingerPath
 from shell_deform.live.tick.first_touch import FirstTouch
 from shell_deform.live.tick.grasp import GraspTick
 from shell_deform.live.tick.health import Arrival, Figures, process_age
@@ -53,6 +54,7 @@ from shell_deform.live.tick.sample import (
 from shell_deform.live.tick.states import LiveState, Watch
 from shell_deform.node import messages, parameters
 from shell_deform.node.grips_node import GripTopics
+from shell_deform.node.tactile_node import Tactile
 from shell_deform.node.topics_node import DeformationTopics
 from shell_deform.objects import load_object
 
@@ -63,7 +65,9 @@ TEND_PERIOD_S = 0.02
 MARKER_PERIOD_S = 0.5
 POSE_CHANGE = 1e-3
 WAIT_S = 1e-3
-REBUILD_PARAMETERS = frozenset({'object', 'theory', 'control_vertices', 'background_niceness'})
+REBUILD_PARAMETERS = frozenset(
+    {'object', 'theory', 'control_vertices', 'background_niceness', 'finger_body'}
+)
 
 
 class DeformationNode(Node):
@@ -99,6 +103,8 @@ class DeformationNode(Node):
         self._grasp = GraspTick()
         self._grips = GripTopics(self, self._grip_moved)
         self._touching: ContactSample | None = None
+        self._path = FingerPath()
+        self._tactile = Tactile(self)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._silence = self.create_timer(self.watch.deadline, self._listen, clock=steady)
         self._marker_timer = self.create_timer(MARKER_PERIOD_S, self._show_marker, clock=steady)
@@ -143,6 +149,7 @@ class DeformationNode(Node):
             self.served = None
             self.failure = ''
             self._follower.forget()
+            self._path.clear()
             self.link.rebuild(_build(values))
 
     def _configure(self, values: dict[str, Any]) -> None:
@@ -156,7 +163,12 @@ class DeformationNode(Node):
         self._parameter_pose = (
             pose_of(list(values['object_pose'])) if values['placement'] == 'given' else None
         )
-        self._follower.active = bool(values['follow_contacts'])
+        bodies, step = str(values['finger_body']), float(values['path_step'])
+        if (bodies, step) != (self._path.bodies, self._path.step):
+            self._path = FingerPath(bodies, step)
+            self._tactile.bodies = self._path.carried
+        # A mesh graded anew would know nothing of what friction remembers.
+        self._follower.active = bool(values['follow_contacts']) and not self._path.active
         self._patience = float(values['wait_for_take_up'])
         self._grasp.task = parameters.grasp_task(values)
         self._learns = bool(values['estimate_modulus'])
@@ -175,6 +187,7 @@ class DeformationNode(Node):
         try:
             sample = self._reader.read(message, nanoseconds(message.header.stamp))
             check(sample)
+            self._path.check(sample)
         except (MessageError, SampleError) as error:
             self._refuse(error, now)
             return
@@ -227,7 +240,8 @@ class DeformationNode(Node):
         self._topics.answer(served.answer)
         self._topics.cloud('surface', served.packed, served.stamp, self._frame)
         self.served = served
-        self._post(estimator)
+        if not self._path.active:
+            self._post(estimator)
         self._publish_more(estimator, served, new_result)
         if not self.figures.first_surface:
             self.figures.first_surface = process_age()
@@ -269,6 +283,16 @@ class DeformationNode(Node):
         new_result = self._adopt(estimator)
         served = estimator.tick(sample)
         deadline = time.monotonic() + self._patience
+        if self._path.active:
+            answered = self._post(estimator)
+            while not answered and time.monotonic() < deadline and not self.link.trouble:
+                time.sleep(WAIT_S)
+                answered = self._path.feed(self.link.worker)
+            if self._adopt(estimator):
+                new_result = True
+                served = estimator.tick(sample)
+            self._path.refuse(estimator.adopted)
+            return served, new_result
         while served.taking_up and time.monotonic() < deadline and not self.link.trouble:
             self._post(estimator)
             while time.monotonic() < deadline and not self._adopt(estimator):
@@ -286,17 +310,22 @@ class DeformationNode(Node):
         self.figures.refreshed(int(slot.record['answers']))
         return True
 
-    def _post(self, estimator: Estimator) -> None:
+    def _post(self, estimator: Estimator) -> bool:
+        """Post the load case of the last tick; whether all that must be answered are."""
         record = self._request[0]
-        estimator.fill_request(record)
         record['resets'] = self._resets
         record['jumps'] = self._jumps
+        if self._path.active:
+            friction = self._grasp.task.friction
+            return self._path.take(estimator, self._request, self.link.worker, friction)
+        estimator.fill_request(record)
         self.link.worker.post(self._request)
         if self.link.candidate is not None:
             # It knows neither the other's contacts nor what their displacements count from.
             record['generation'] = 0
             record['touch']['displacement'] = math.nan
             self.link.candidate.post(self._request)
+        return True
 
     def _publish_more(self, estimator: Estimator, served: Served, new_result: bool) -> None:
         topics = self._topics
@@ -309,6 +338,10 @@ class DeformationNode(Node):
             packed = estimator.nonlinear()
             if packed is not None and estimator.adopted is not None:
                 topics.cloud('nonlinear', packed, estimator.adopted.stamp, self._frame)
+        if new_result and self._path.active and estimator.adopted is not None:
+            taxels = estimator.adopted.taxels(estimator.pose_in_use)
+            topics.taxels(taxels, estimator.adopted.stamp, self._frame)
+            self._tactile.judge(estimator.adopted)
         if topics.grasp_wanted:
             topics.grasp(self._grasp.rows(estimator), served.stamp, self._frame)
             if self._grasp.why:
@@ -353,6 +386,8 @@ class DeformationNode(Node):
     def _disown(self) -> None:
         """Answers to samples so far are not taken any more."""
         self.link.worker.disown()
+        self._path.clear()
+        self._tactile.forget()
         self.served = None
         if self.estimator is not None:
             self.estimator.forget()
@@ -379,6 +414,7 @@ class DeformationNode(Node):
             return
         if ready:
             self._take_over()
+        self._path.feed(self.link.worker)
         rest = self.link.worker.handed_over()
         if rest is not None and self.estimator is not None:
             self.estimator.first_touch = FirstTouch(rest)
@@ -478,7 +514,8 @@ class DeformationNode(Node):
             self.served, learned, self.failure, self._unusable,
         )  # fmt: skip
         chosen = {name: self.get_parameter(name).value for name in ('object', 'theory', 'drive')}
-        values = {**chosen, **diagnosis.values(condition, time.monotonic())}
+        told = diagnosis.values(condition, time.monotonic())
+        values = {**chosen, **told, **self._path.figures, **self._tactile.figures}
         self._topics.diagnostics(*diagnosis.judge(condition), values)
 
     def close(self) -> None:
@@ -492,6 +529,7 @@ def _build(values: dict[str, Any]) -> Build:
         str(values['theory']),
         int(values['control_vertices']),
         int(values['background_niceness']),
+        bodies=str(values['finger_body']),
     )
 
 

@@ -86,6 +86,19 @@ PARAMETERS: tuple[Parameter, ...] = (
         0.0,
         600.0,
     ),
+    Parameter(
+        'finger_body',
+        '',
+        'rigid body that the fingers carry: a name (barrett_fingertip), a file, or NUMBER: BODY, '
+        'NUMBER: BODY; empty: pins',
+    ),
+    Parameter(
+        'path_step',
+        2e-4,
+        'way of a finger with a body between two load cases; none is overtaken (m)',
+        1e-6,
+        0.01,
+    ),
     Parameter('friction', 0.5, 'coefficient of friction at the fingers, an input (-)', 0.0, 10.0),
     Parameter('friction_sigma', 0.1, 'sigma of friction (-)', 0.0, 10.0),
     Parameter('normal_sigma', 0.02, 'sigma of the deformed normals (rad)', 0.0, 1.0),
@@ -116,6 +129,14 @@ def validate(values: Mapping[str, Any]) -> None:
             load_object(values['object'])
         except (ObjectError, OSError) as error:
             raise ParameterError(f'object: {error}') from error
+    if values.get('finger_body'):
+        from shell_deform.contact.finger_bodies import read_finger_bodies
+        from shell_deform.objects import ObjectError
+
+        try:
+            read_finger_bodies(str(values['finger_body'])).loaded()
+        except (ObjectError, OSError) as error:
+            raise ParameterError(f'finger_body: {error}') from error
     if 'gravity' in values:
         grasp_task({**{p.name: p.default for p in PARAMETERS}, **values})
     if 'object_pose' in values:

@@ -19,6 +19,7 @@ from visualization_msgs.msg import Marker
 
 from grasp_common.main_node import status_name
 from grasp_common.messages import diagnostics, named_numbers, number
+from shell_deform.live.exchange import TAXEL_FIELDS
 from shell_deform.live.tick.estimator import Served
 from shell_deform.live.tick.grasp import GRASP_FIELDS, PLOTTED
 from shell_deform.live.tick.hold import LATER_FIELDS
@@ -57,6 +58,7 @@ class DeformationTopics:
         self._grasp = self._make(PointCloud2, 'grasp')
         self._grasp_writers: dict[int, messages.SurfaceWriter] = {}
         self._grasp_scalars = {name: self._make(Float64, f'grasp/{name}') for name in PLOTTED}
+        self._taxels = self._make(PointCloud2, 'taxels')
         self._later = self._make(PointCloud2, 'later_force')
         self._numbers = self._make(JointState, 'numbers')
         self._modulus = self._make(Float64, 'modulus')
@@ -106,6 +108,12 @@ class DeformationTopics:
         for name, publisher in self._grasp_scalars.items():
             if publisher.get_subscription_count():
                 publisher.publish(number(float(packed[-1, GRASP_FIELDS.index(name)])))
+
+    def taxels(self, packed: NDArray[np.float32], stamp: int, frame: str) -> None:
+        """What the touch cells of fingers feel: a row a cell."""
+        if self._taxels.get_subscription_count():
+            writer = messages.SurfaceWriter(len(packed), TAXEL_FIELDS)
+            self._taxels.publish(writer.message(packed, stamp, frame))
 
     @property
     def later_wanted(self) -> bool:

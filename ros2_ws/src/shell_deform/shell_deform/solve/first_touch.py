@@ -42,14 +42,21 @@ def first_touch(
         if contact.body is None:
             depth[k] = float(np.sum(contact.displacement_row() * moved))
             continue
-        for _ in range(STEPS):
-            value, normal = _clearance(solver.model, contact, alone.unknowns, float(depth[k]))
-            nearest = int(np.argmin(value))
-            step = float(value[nearest] / max(normal[nearest] @ contact.axis, 0.1))
-            depth[k] += step
-            if abs(step) < 1e-12 * contact.radius:
-                break
+        depth[k] = touch_depth(solver.model, contact, alone.unknowns)
     return alone, depth
+
+
+def touch_depth(model: ShellModel, contact: ContactPatch, unknowns: Array) -> float:
+    """Depth [m] at which the body of a contact touches the shell of these `unknowns` (n, 3)."""
+    depth = 0.0
+    for _ in range(STEPS):
+        value, normal = _clearance(model, contact, unknowns, depth)
+        nearest = int(np.argmin(value))
+        step = float(value[nearest] / max(normal[nearest] @ contact.axis, 0.1))
+        depth += step
+        if abs(step) < 1e-12 * contact.radius:
+            break
+    return depth
 
 
 def _clearance(

@@ -94,7 +94,7 @@ class EquilibriumSolver(StepSolver):
             load_fraction=fraction,
             end=end if done or end is End.SNAP else End.LOST,
             negative_modes=self.negative_modes(edge, here)
-            if self.options.stability or case.padded.any()
+            if self.options.stability or (self.options.stability is None and case.padded.any())
             else None,
         )
 

@@ -49,8 +49,8 @@ class NewtonOptions:
         largest_move: displacement change [in wall thicknesses] beyond which a step is halved.
         settled_move: displacement change [in wall thicknesses] below which an iteration has
             nothing left to correct but round-off.
-        stability: whether to count negative modes at the end; with rigid pads they always are,
-            since a flattened cap has more than one equilibrium.
+        stability: whether to count negative modes at the end; None: with rigid pads alone, since
+            a flattened cap has more than one equilibrium.
     """
 
     tolerance: float = 1e-9
@@ -61,7 +61,7 @@ class NewtonOptions:
     smallest_step: float = 1.0 / 256.0
     largest_move: float = 8.0
     settled_move: float = 1e-9
-    stability: bool = False
+    stability: bool | None = None
 
 
 class StepLost(Exception):

@@ -12,7 +12,7 @@ made.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from shell_deform.contact.loads import ContactPatch, contact_patch
 from shell_deform.live.background.coarseness import coarseness
 from shell_deform.live.background.condensed import HELD_ROWS
+from shell_deform.live.pose import Pose
 from shell_deform.model import ShellModel
 
 Array = NDArray[np.float64]
@@ -50,6 +51,7 @@ class Touch:
         finger: its number. point: (3,) on the outer face [m]. normal: (3,) inward.
         radius: of the patch [m]. force: push [N]. travel: since first touch [m], NaN if unknown.
         displacement: the estimator's absolute displacement of the patch [m], NaN if none.
+        along: (3,) to the tip of the finger, NaN if unknown.
     """
 
     finger: int
@@ -59,11 +61,21 @@ class Touch:
     force: float
     travel: float
     displacement: float
+    along: Array = field(default_factory=lambda: np.full(3, np.nan))
 
     @property
     def first_point(self) -> Array:
         """Where the finger first touched (3,) [m], as far as its travel is known."""
         return self.point - (self.travel if np.isfinite(self.travel) else 0.0) * self.normal
+
+    def seen_from(self, pose: Pose) -> Touch:
+        """The same in the frame of an object, of a touch in the contacts' frame."""
+        return replace(
+            self,
+            point=pose.to_object(self.point),
+            normal=self.normal @ pose.rotation,
+            along=self.along @ pose.rotation,
+        )
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ class Load:
         stamp: of the sample [ns]. reset: start from the undeformed shell.
         jump: time has jumped: the fingers touch anew, the last equilibrium is only a start.
         grips: (MAX_GRIPS, 6) motions of the object's grips, in its own frame.
+        friction: coefficient of bodies on the object.
     """
 
     touches: tuple[Touch, ...]
@@ -39,6 +40,7 @@ class Load:
     reset: bool = False
     jump: bool = False
     grips: Array = field(default_factory=lambda: np.zeros((MAX_GRIPS, 6)))
+    friction: float = 0.0
 
 
 def load_of(request: np.void, resets: int = 0, jumps: int = 0) -> Load:
@@ -56,6 +58,7 @@ def load_of(request: np.void, resets: int = 0, jumps: int = 0) -> Load:
             float(t['force']),
             float(t['travel']),
             float(t['displacement']),
+            t['along'].copy(),
         )
         for t in request['touch'][: int(request['contacts'])]
     )
@@ -70,4 +73,5 @@ def load_of(request: np.void, resets: int = 0, jumps: int = 0) -> Load:
         reset=int(request['resets']) > resets,
         jump=int(request['jumps']) > jumps,
         grips=request['grip'].copy(),
+        friction=float(request['friction']),
     )

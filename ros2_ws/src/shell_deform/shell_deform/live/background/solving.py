@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.grasp.reading import outer_feet
+from shell_deform.live.background.answer import Answer, write
 from shell_deform.live.background.carried import carried
 from shell_deform.live.background.condensed import HELD_ROWS, Condensed, ContactRows, contact_rows
 from shell_deform.live.background.contact_tracking import ContactTracker, Touch
@@ -24,6 +25,7 @@ from shell_deform.live.background.motion import Motion
 from shell_deform.live.background.outer_field import OuterField, unmodelled
 from shell_deform.live.background.placement import Placement, place
 from shell_deform.live.background.rest_shell import RestShell, largest_curl
+from shell_deform.live.background.second_order import Columns, SecondOrder
 from shell_deform.live.background.small_loads import SmallLoads, small_loads
 from shell_deform.live.background.tracking import EquilibriumTracker, Target, TrackingOptions
 from shell_deform.live.exchange import DRIVE_FORCE, MAX_CONTACTS, MAX_RIGID, Slot
@@ -33,18 +35,6 @@ from shell_deform.model import ShellModel
 from shell_deform.theory import THICK
 
 Array = NDArray[np.float64]
-
-SMALLEST_STEP = 0.02
-"""Steps below this share of the wall thickness say nothing about the second order."""
-
-SHORTEST_REACH = 0.3
-"""A second order measured over less still serves over this share of the wall thickness."""
-
-THIRD_FLOOR = 0.8
-"""Third order per wall thickness is at least this share of the second."""
-
-THIRD_REACH = 3.0
-"""Beyond so many wall thicknesses the error of leaving it out grows with the square only."""
 
 LIVE = TrackingOptions(step=4e-3)
 """What the last chord step leaves, a tenth or so of it, the columns take away by a Newton step."""
@@ -78,19 +68,14 @@ class LiveSolver:
         self.generation = 0
         self._rigid_anchor = np.zeros(0)
         self._condensed: Condensed | None = None
-        self._limit_columns: Array | None = None
         self._condensed_at = np.zeros(0)
         self._states = 0
         self._exactly = True
-        self._inputs_at: Array | None = None
+        self._columns: Columns | None = None
         self._load: Load | None = None
         self._pose_in_use = IDENTITY
         self._unloaded: Array | None = None
-        self._bend = np.zeros((self._size, 3))
-        self._third = np.zeros(self._size)
-        self._bend_direction = np.zeros(0)
-        self._bend_reach = 0.0
-        self._push_bend = np.zeros(0)
+        self._second = SecondOrder(self._size, self._wall)
         self._face = OuterField(self.tracker) if model.theory == THICK else None
         self._small: SmallLoads | None = None
         self._linear_columns = np.zeros((self._size, 3, 0))
@@ -114,7 +99,9 @@ class LiveSolver:
         self._unloaded_state = self.tracker.state
         self.unloaded_surface = model.surface.limit_positions(self.unloaded)
         self.unloaded_normals = model.surface.vertex_normals(self.unloaded)
-        self.unloaded_outer = self._face and self.unloaded_surface + self._face.offset()
+        self.unloaded_outer: Array | None = None
+        if self._face is not None:
+            self.unloaded_outer = self.unloaded_surface + self._face.offset()
         if self._gripping is not None:
             self._take_grip_columns(self._gripping)
         self.rest_grips = self._gripping.limit_columns if self._gripping is not None else 0.0
@@ -156,8 +143,8 @@ class LiveSolver:
             self.contacts.reset()
             self._placement = None
             self._change_contacts(np.zeros(0))
-        pose = self._pose(load)
-        touches = tuple(_in_object_frame(touch, pose) for touch in load.touches)
+        pose = self.pose_of(load)
+        touches = tuple(touch.seen_from(pose) for touch in load.touches)
         self.turning = not np.array_equal(grips, self.tracker.state.grips)
         anew = self.turning or self.contacts.contacts or (len(grips) and self.share < 1.0)
         if touches or anew:
@@ -247,26 +234,32 @@ class LiveSolver:
         tracker = self.tracker
         if (
             self._condensed is not None
+            and self._exactly
             and np.abs(tracker.state.moved - self._condensed_at).max() < STILL * self._wall
         ):
             return self._grasp.renew(tracker, self._feet, self._condensed, moved=False)
-        old, old_columns, old_state = self._condensed, self._limit_columns, self._condensed_at
-        old_inputs = self._inputs_at
+        old = self._columns
         self._exactly = not (tracker.is_beside and self.is_awaited())
         self._condensed = tracker.condense(self._exactly)
         self._states = 0
-        self._limit_columns = self._to_limit(self._condensed.fields)
         self._condensed_at = tracker.state.moved
-        self._inputs_at = self._inputs()
-        if self._small is not None and not len(self._bend_direction):
+        self._columns = Columns(
+            self.model.surface.limit_positions(tracker.positions),
+            self._to_limit(self._condensed.fields),
+            self._condensed.displacement,
+            self._displacements(),
+            self._inputs(),
+        )
+        if self._small is not None and not len(self._second.direction):
             self._bend_from_rest(self._small)
-        if self._gripping is not None and self._gripping.left(self.tracker.state.grips):
+        step = 0.0
+        if self._gripping is not None and self._gripping.left(tracker.state.grips):
             # What bent the way here was no contact's step alone.
-            self._bend_direction = np.zeros(0)
-        elif old is not None and old_columns is not None and old_inputs is not None:
-            self._update_bend(old, old_columns, old_state, self._inputs_at - old_inputs)
-        elif self._face is not None:
-            self._face.refined(0.0)
+            self._second.direction = np.zeros(0)
+        elif old is not None:
+            step = self._second.along(old, self._columns, self._driven(self._load))
+        if self._face is not None:
+            self._face.refined(step)
         if self._gripping is not None:
             self._take_grip_columns(self._gripping)
         self._grasp.renew(tracker, self._feet, self._condensed, moved=True)
@@ -280,76 +273,65 @@ class LiveSolver:
         """Write the present result."""
         if self._condensed is None:
             self.refine()
-        condensed = self._condensed
-        assert condensed is not None and self._limit_columns is not None
-        tracker, record = self.tracker, slot.record
+        condensed, columns = self._condensed, self._columns
+        assert condensed is not None and columns is not None
+        tracker = self.tracker
         rows = self._rows()
-        k, r = rows.contacts, rows.left.shape[1]
+        k = rows.contacts
         here = tracker.here(np.zeros(k, bool))
         system = tracker.system()
-        load = self._load
-        record['answers'] = 0
-        record['stamp'] = load.stamp if load is not None else 0
-        record['generation'] = self.generation
-        record['contacts'], record['rigid_count'] = k, r
-        record['share'] = self.share
-        driven = self._driven(load)
+        placement = self._placement
         point, normal = self._feet.at(tracker.positions)
-        record['stable'] = int(system.negative_modes_driven(driven) == 0)
-        record['snap_margin'] = self._snap_margin(system.compliance)
-        record['energy'] = tracker.state.energy
-        record['seconds'] = self.seconds
-        record['factorisations'] = tracker.factorisations
-        for name, values in (
-            ('finger', self._fingers()),
-            ('force', tracker.state.force),
-            ('displacement', here.displacement),
-            ('travel_offset', [c.travel_offset for c in self.contacts.contacts]),
-            ('axis', [c.patch.axis for c in self.contacts.contacts]),
-            ('anchor', [c.touched for c in self.contacts.contacts]),
-            ('place', [c.patch.point for c in self.contacts.contacts]),
-            ('coarseness', [c.coarseness for c in self.contacts.contacts]),
-            ('lateral', [d for c in self.contacts.contacts for d in c.patch.lateral]),
-            ('rigid', here.rigid),
-            ('touch_point', point),
-            ('touch_normal', normal),
-            ('reaction', -tracker.state.multipliers[rows.lateral_columns]),
-            ('rigid_reaction', -tracker.state.multipliers[HELD_ROWS * k :]),
-            ('spin', self._spins()),
-        ):
-            values = np.asarray(values)
-            if len(values):
-                record[name][: len(values)] = values
-        since = rows.measure.T @ (tracker.state.moved - self._condensed_at)
-        known = len(self._bend_direction) == k
-        record['bend_direction'][:k] = self._bend_direction if known else 0.0
-        along = float(self._bend_direction @ since) if known else float(np.linalg.norm(since))
-        record['bend_offset'] = along
-        record['bend_reach'] = self._bend_reach
-        record['push_bend'][:k] = self._push_bend if len(self._push_bend) == k else 0.0
-        record['third_reach'] = THIRD_REACH * self._wall
-        record['rigid_scale'] = np.sqrt(self._size)
-        j = condensed.fields.shape[1]
-        record['displacement_by'][:k, :j] = condensed.displacement
-        record['reaction_by'][: 2 * k, :j] = condensed.reaction
-        record['rigid_by'][:r, :j] = condensed.rigid_reaction
-        self._grasp.fill(record, k)
-        if self._small is not None:
-            pairs = self._small.second_order.shape[1]
-            record['linear_compliance'][:k, :k] = self._small.compliance
-            record['second_order'][:k, :pairs] = self._small.second_order
-        if self._gripping is not None:
-            _fill_grips(slot, self._gripping, self.tracker.state.grips, rows)
-        self._fill_place(record)
+        note = placement.open_directions if placement is not None and not self.message else ''
         positions = tracker.positions
-        slot.surface[:] = self.model.surface.limit_positions(positions)
-        slot.normals[:] = self.model.surface.vertex_normals(positions)
-        slot.columns[: 3 * self._size * j] = self._limit_columns.reshape(-1)
-        slot.linear[: 3 * self._size * k] = self._linear_columns.reshape(-1)
-        slot.bend[:] = self._bend
-        slot.third[:] = self._third
-        slot.energy_density[:] = self._energy_density.at(positions)
-        slot.unmodelled[:] = 0.0
+        contacts = self.contacts.contacts
+        answer = Answer(
+            numbers={
+                'stamp': self._load.stamp if self._load is not None else 0,
+                'generation': self.generation,
+                'share': self.share,
+                'stable': int(system.negative_modes_driven(self._driven(self._load)) == 0),
+                'snap_margin': self._snap_margin(system.compliance),
+                'energy': tracker.state.energy,
+                'seconds': self.seconds,
+                'factorisations': tracker.factorisations,
+                'rigid_scale': np.sqrt(self._size),
+            },
+            contacts={
+                'finger': self._fingers(),
+                'force': tracker.state.force,
+                'displacement': here.displacement,
+                'travel_offset': [c.travel_offset for c in contacts],
+                'axis': [c.patch.axis for c in contacts],
+                'anchor': [c.touched for c in contacts],
+                'place': [c.patch.point for c in contacts],
+                'coarseness': [c.coarseness for c in contacts],
+                'lateral': [d for c in contacts for d in c.patch.lateral],
+                'rigid': here.rigid,
+                'touch_point': point,
+                'touch_normal': normal,
+                'reaction': -tracker.state.multipliers[rows.lateral_columns],
+                'rigid_reaction': -tracker.state.multipliers[HELD_ROWS * k :],
+                'spin': self._spins(),
+                'carried': self._carried().numbers,
+                'pose': self._pose_in_use.numbers,
+                'pose_covariance': np.zeros((6, 6)) if placement is None else placement.covariance,
+            },
+            condensed=condensed,
+            columns=columns.columns,
+            since=rows.measure.T @ (tracker.state.moved - self._condensed_at),
+            second=self._second,
+            small=self._small,
+            linear=self._linear_columns,
+            message=self.message or note,
+            surface=self.model.surface.limit_positions(positions),
+            normals=self.model.surface.vertex_normals(positions),
+            energy_density=self._energy_density.at(positions),
+        )
+        write(slot, answer, self._wall)
+        self._grasp.fill(slot.record, k)
+        if self._gripping is not None:
+            _fill_grips(slot, self._gripping, tracker.state.grips, rows)
         if self._face is not None and slot.outer is not None and slot.outer_slope is not None:
             slot.unmodelled[:] = unmodelled(
                 self.unloaded_surface, self._wall, self.contacts.patches, here.displacement
@@ -383,7 +365,8 @@ class LiveSolver:
     def _displacements(self) -> Array:
         return np.asarray(self._rows().measure.T @ self.tracker.state.moved)
 
-    def _pose(self, load: Load) -> Pose:
+    def pose_of(self, load: Load) -> Pose:
+        """Where the object is, given or fitted to the contacts of first touch."""
         if load.pose is not None:
             self._placement = None
             self._pose_in_use = load.pose
@@ -422,11 +405,8 @@ class LiveSolver:
     def _new_generation(self, rows: ContactRows) -> None:
         self.generation += 1
         self._rigid_anchor = rows.left.T @ self.tracker.state.moved
-        self._condensed = None
-        self._inputs_at = None
-        self._bend, self._third = np.zeros((self._size, 3)), np.zeros(self._size)
-        self._bend_direction, self._bend_reach = np.zeros(0), 0.0
-        self._push_bend = np.zeros(0)
+        self._condensed = self._columns = None
+        self._second.forget()
         self._small = None
         if self._face is not None:
             self._face.forget()
@@ -491,55 +471,9 @@ class LiveSolver:
         """Second order of new contacts: exact for a shell at rest, elsewhere for the error."""
         count = len(small.compliance)
         direction = np.full(count, 1.0 / np.sqrt(count))
-        bend, self._push_bend = small.bend(direction, self._driven(self._load))
-        self._bend = self._to_limit(bend[:, None])[:, :, 0]
-        self._third = THIRD_FLOOR / self._wall * np.linalg.norm(self._bend, axis=1)
-        if self._nearly_at_rest():
-            self._bend_direction = direction
-            self._bend_reach = SHORTEST_REACH * self._wall
-
-    def _update_bend(
-        self, old: Condensed, old_columns: Array, old_state: Array, inputs: Array
-    ) -> None:
-        """Second and third order about the present state, along the way the contacts came.
-
-        A cubic through both states with both tangents (Hermite) has the second order exactly at
-        this end; what it has of third order is kept as the error of leaving it out.
-        """
-        assert self._condensed is not None and self._limit_columns is not None
-        moved = self.tracker.state.moved
-        steps = self._rows().measure.T @ (moved - old_state)
-        step = float(np.linalg.norm(steps))
-        short = step < SMALLEST_STEP * self._wall
-        if self._face is not None:
-            self._face.refined(0.0 if short else step)
-        if short:
-            return
-        change = self._to_limit((moved - old_state)[:, None])[:, :, 0]
-        inputs_before = self._inputs_for(old, steps, inputs)
-        inputs_after = self._inputs_for(self._condensed, steps, inputs)
-        push_bend = (2.0 * inputs_after + inputs_before - 3.0 * inputs) / step**2
-        self._push_bend = push_bend[: len(steps)]
-        before = old_columns @ inputs_before
-        after = self._limit_columns @ inputs_after
-        self._bend = (2.0 * after + before - 3.0 * change) / step**2
-        third = np.linalg.norm((after + before - 2.0 * change) / step**3, axis=1)
-        floor = THIRD_FLOOR / self._wall * np.linalg.norm(self._bend, axis=1)
-        self._third = np.maximum(third, floor)
-        self._bend_direction = steps / step
-        self._bend_reach = max(step, SHORTEST_REACH * self._wall)
-
-    def _inputs_for(self, condensed: Condensed, steps: Array, inputs: Array) -> Array:
-        """`inputs` (j,) with the pushes of driven contacts as the tick finds them from `steps`."""
-        driven = np.flatnonzero(self._driven(self._load))
-        if not len(driven):
-            return inputs
-        left = steps - condensed.displacement @ inputs
-        result = inputs.copy()
-        result[driven] += np.linalg.lstsq(
-            condensed.displacement[np.ix_(driven, driven)], left[driven], rcond=None
-        )[0]
-        return result
+        bend, push = small.bend(direction, self._driven(self._load))
+        field = self._to_limit(bend[:, None])[:, :, 0]
+        self._second.from_rest(field, push, direction, self._nearly_at_rest())
 
     def _to_limit(self, fields: Array) -> Array:
         """Motion of the limit positions (n, 3, j) for fields (N, j) of all unknowns."""
@@ -559,10 +493,10 @@ class LiveSolver:
         """Smallest contact stiffness over that of the unloaded shell; 0 where it snaps."""
         if self._small is None or not len(compliance):
             return 1.0
-        return _smallest_stiffness(compliance) / _smallest_stiffness(self._small.compliance)
+        return smallest_stiffness(compliance) / smallest_stiffness(self._small.compliance)
 
 
-def _smallest_stiffness(compliance: Array) -> float:
+def smallest_stiffness(compliance: Array) -> float:
     """Stiffness [N/m] along the softest combination of contacts; negative beyond a limit point."""
     values = np.linalg.eigvalsh(0.5 * (compliance + compliance.T))
     if values[0] < 0:
@@ -582,15 +516,3 @@ def _fill_grips(slot: Slot, gripping: Gripping, motions: Array, rows: ContactRow
     record['reaction_by_grip'][: 2 * k, : AFFINE * g] = columns.reaction
     record['rigid_by_grip'][:r, : AFFINE * g] = columns.rigid_reaction
     slot.grips[:] = gripping.limit_columns
-
-
-def _in_object_frame(touch: Touch, pose: Pose) -> Touch:
-    return Touch(
-        touch.finger,
-        pose.to_object(touch.point),
-        touch.normal @ pose.rotation,
-        touch.radius,
-        touch.force,
-        touch.travel,
-        touch.displacement,
-    )

@@ -21,7 +21,9 @@ import sys
 import time
 
 from shell_deform.building import build_model
+from shell_deform.contact.finger_bodies import FingerBodies, read_finger_bodies
 from shell_deform.live.background.courtesy import Courtesy
+from shell_deform.live.background.fingertips import FingertipSolver
 from shell_deform.live.background.gripping import plan_of
 from shell_deform.live.background.load_case import load_of
 from shell_deform.live.background.motion import Motion
@@ -35,11 +37,20 @@ WAITING_BEAT_S = 0.1
 """A process that waits for load cases says so at this interval [s]."""
 
 
-def build(options: dict[str, object]) -> ShellModel:
-    """The shell that `options` describe, see `worker_link.Build`."""
+Solver = LiveSolver | FingertipSolver
+
+
+def build(options: dict[str, object]) -> Solver:
+    """What solves the shell that `options` describe, see `worker_link.Build`."""
+    bodies = read_finger_bodies(str(options.get('bodies') or ''))
+    model = _model(options, bodies)
+    return FingertipSolver(model, bodies.loaded()) if bodies.files else LiveSolver(model)
+
+
+def _model(options: dict[str, object], bodies: FingerBodies) -> ShellModel:
     count = options.get('control_vertices')
     return build_model(
-        load_object(str(options['object'])),
+        bodies.on(load_object(str(options['object']))),
         theory=str(options['theory']),
         control_vertices=int(str(count)) if count else None,
         refine_at=options.get('refine_at') or None,  # type: ignore[arg-type]
@@ -47,7 +58,7 @@ def build(options: dict[str, object]) -> ShellModel:
     )
 
 
-def share(solver: LiveSolver) -> tuple[SharedMemory, int]:
+def share(solver: Solver) -> tuple[SharedMemory, int]:
     """Shared memory with the surface at rest in it, and its descriptor."""
     mesh = solver.model.shell.mesh
     triangles = mesh.triangles[mesh.active]
@@ -63,7 +74,7 @@ def share(solver: LiveSolver) -> tuple[SharedMemory, int]:
     return memory, descriptor
 
 
-def hand_over(solver: LiveSolver, connection: socket.socket, curl: float) -> None:
+def hand_over(solver: Solver, connection: socket.socket, curl: float) -> None:
     """Give the shell at rest to the other side, for contacts that are still unknown here."""
     rest = packed(solver.rest_shell(curl))
     with contextlib.suppress(BrokenPipeError):
@@ -75,7 +86,7 @@ class Loop:
     """Serves load cases from shared memory until the other side is gone."""
 
     def __init__(
-        self, solver: LiveSolver, memory: SharedMemory, event: int, courtesy: Courtesy | None
+        self, solver: Solver, memory: SharedMemory, event: int, courtesy: Courtesy | None
     ) -> None:
         """`courtesy`: where the work is done, None for this thread."""
         self.solver = solver
@@ -174,7 +185,7 @@ def main() -> int:
     courtesy = Courtesy() if niceness else None
     os.nice(niceness)
     try:
-        solver = LiveSolver(build(options))
+        solver = build(options)
     except (ValueError, OSError) as error:
         connection.sendall(json.dumps({'error': str(error)}).encode() + b'\n')
         return 1
@@ -204,7 +215,8 @@ def main() -> int:
     with contextlib.suppress(ValueError, RuntimeError):
         solver.warm_up()
     hand_over(solver, connection, float(str(options.get('curl') or 0.0)))
-    solver.motion = Motion(float(solver.model.shell.thickness.mean()))
+    if isinstance(solver, LiveSolver):
+        solver.motion = Motion(float(solver.model.shell.thickness.mean()))
     Loop(solver, memory, int(sys.argv[2]), courtesy).run(connection)
     return 0
 

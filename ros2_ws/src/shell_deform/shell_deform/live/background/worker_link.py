@@ -51,6 +51,7 @@ class Build:
     `niceness` is what the process adds to its own, to leave the processor to the fast loop.
     `refine_at`: places of the object where the mesh is graded, instead of the object file's own,
     for contacts of `refine_radius` [m]. `curl`: of the shell, where it was measured before.
+    `bodies`: what the fingers carry, see `finger_bodies`.
     """
 
     object_name: str
@@ -60,6 +61,7 @@ class Build:
     refine_at: tuple[tuple[float, float, float], ...] = ()
     refine_radius: float = 0.0
     curl: float = 0.0
+    bodies: str = ''
 
 
 class WorkerProcess:
@@ -105,6 +107,7 @@ class WorkerProcess:
             'refine_at': build.refine_at,
             'refine_radius': build.refine_radius,
             'curl': build.curl,
+            'bodies': build.bodies,
         }
         # One that died already is found dead, and replaced, by whoever looks after it.
         with contextlib.suppress(BrokenPipeError):
@@ -149,17 +152,21 @@ class WorkerProcess:
         self._has_rest = True
         return unpacked(descriptors[0])
 
-    def post(self, request: np.ndarray) -> None:
-        """Replace the load case in the mailbox; never waits."""
+    def post(self, request: np.ndarray) -> int:
+        """Replace the load case in the mailbox; never waits. Returns its number, from 1 on."""
         if self.memory is None:
-            return
+            return 0
         self._sequence += 1
         self.memory.write_request(request, self._sequence)
-        try:
+        # Full only after 2^64 unread load cases; the newest one is in the mailbox anyway.
+        with contextlib.suppress(BlockingIOError):
             os.eventfd_write(self._event, 1)
-        except BlockingIOError:
-            # Only after 2^64 unread load cases; the newest one is in the mailbox anyway.
-            return
+        return self._sequence
+
+    @property
+    def answered(self) -> int:
+        """Number of the load case that the newest result answers, 0 before the first."""
+        return 0 if self.memory is None else self.memory.answered
 
     def newer_result(self) -> Slot | None:
         """The newest result if it was not taken before."""

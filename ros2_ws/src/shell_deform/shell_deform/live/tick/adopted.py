@@ -69,24 +69,17 @@ class Adopted:
         self.share = float(record['share'])
         self.stable = bool(record['stable'])
         self.snap_margin = float(record['snap_margin'])
+        self.reach = record['reach'][:k].copy()
+        self.frame = record['frame'][:k].copy()
+        self.refused = bool(record['refused'])
+        self.set_doubt = float(record['set_doubt'])
         self.message = bytes(record['message']).decode(errors='replace')
         self.columns = slot.input_columns()
         self.surface, self.normals = slot.surface, slot.normals
         self.turn = np.eye(3)
         self.doubt = 0.0
         """What following the grips may have made wrong [m]."""
-        g = slot.grips.shape[2] // AFFINE
-        self.grips = record['grip'][:g].copy()
-        self.grip_pose = record['grip_pose'][:g].copy()
-        self.grip_wrench = record['grip_wrench'][:g].copy()
-        self._bend_by_grips = float(record['grip_bend'])
-        self._reached = self.grips
-        self._still = self.response
-        self._by_grips = (
-            record['displacement_by_grip'][:k, : AFFINE * g].copy(),
-            record['reaction_by_grip'][: 2 * k, : AFFINE * g].copy(),
-            record['rigid_by_grip'][:r, : AFFINE * g].copy(),
-        )
+        self._take_grips(slot, k, r)
         self.at_rest = AtRest(
             self.fingers,
             record['linear_compliance'][:k, :k].copy(),
@@ -107,6 +100,22 @@ class Adopted:
         self.carried = pose_of(record['carried'])
         self.pose = pose_of(record['pose'])
         self.pose_root = _root(record['pose_covariance'])
+
+    def _take_grips(self, slot: Slot, k: int, r: int) -> None:
+        """What the grips do, and what they would do to the rest."""
+        record = slot.record
+        g = slot.grips.shape[2] // AFFINE
+        self.grips = record['grip'][:g].copy()
+        self.grip_pose = record['grip_pose'][:g].copy()
+        self.grip_wrench = record['grip_wrench'][:g].copy()
+        self._bend_by_grips = float(record['grip_bend'])
+        self._reached = self.grips
+        self._still = self.response
+        self._by_grips = (
+            record['displacement_by_grip'][:k, : AFFINE * g].copy(),
+            record['reaction_by_grip'][: 2 * k, : AFFINE * g].copy(),
+            record['rigid_by_grip'][:r, : AFFINE * g].copy(),
+        )
 
     @property
     def coarseness(self) -> Array:
@@ -149,6 +158,48 @@ class Adopted:
         sideways = np.einsum('pi,pi->p', away, away) - along * along
         reach = np.maximum(LONGEST_SLIDE * sample.radius, SHORTEST_JUMP)
         return (self.fingers[index] == sample.finger) & (sideways < reach * reach)
+
+    @property
+    def carries(self) -> bool:
+        """Whether the fingers carry rigid bodies, whose poses count."""
+        return bool(self.reach.any())
+
+    def across(self, sample: ContactSample, pose: Pose) -> tuple[Array, float]:
+        """How bodies have moved across their axes since the equilibrium (2 k,) [m], and the doubt.
+
+        That is the error [m] of columns that know nothing of turns, and for which the same points
+        touch and slip as in the equilibrium.
+        """
+        k = len(self.fingers)
+        if not self.carries:
+            return np.zeros(2 * k), 0.0
+        index = np.minimum(np.searchsorted(sample.finger, self.fingers), len(sample.finger) - 1)
+        present = sample.finger[index] == self.fingers
+        away = np.where(present[:, None], pose.to_object(sample.point[index]) - self._anchor, 0.0)
+        lateral = np.einsum('kai,ki->ka', self.response.lateral.reshape(k, 2, 3), away)
+        frames = np.stack([sample.along[index], sample.normal[index]], axis=2)
+        turned = np.einsum('ij,kia->kja', pose.rotation, frames) - self.frame[:, :, [0, 2]]
+        angle = np.linalg.norm(np.nan_to_num(turned), axis=1).sum(axis=1)
+        turns = np.where(present, self.reach * angle, 0.0)
+        way = float((np.linalg.norm(away, axis=1) + turns).max(initial=0.0))
+        return lateral.ravel(), self.set_doubt * way * way + float(turns.max(initial=0.0))
+
+    def after(self, lateral: Array) -> Response:
+        """The response where the bodies have moved across their axes by (2 k,) [m]."""
+        response, k = self.response, len(self.fingers)
+        return response._replace(
+            displacement=response.displacement + response.displacement_by[:, k : 3 * k] @ lateral,
+            reaction=response.reaction + response.reaction_by[:, k : 3 * k] @ lateral,
+            rigid_reaction=response.rigid_reaction + response.rigid_by[:, k : 3 * k] @ lateral,
+        )
+
+    def taxels(self, pose: Pose) -> NDArray[np.float32]:
+        """(t, f) rows of `TAXEL_FIELDS` of the equilibrium, in the frame of the contacts."""
+        rows = self.slot.taxels[: int(self.slot.record['taxels'])].copy()
+        rows[:, 0:3] = pose.from_object(rows[:, 0:3])
+        for first in (3, 6):
+            rows[:, first : first + 3] = rows[:, first : first + 3] @ pose.rotation.T
+        return rows.astype(np.float32)
 
     def bend(self, moved: Array) -> tuple[float, float, float]:
         """Inputs of the second-order field for moved contacts (k,) [m].

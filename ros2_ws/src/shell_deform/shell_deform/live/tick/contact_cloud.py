@@ -10,6 +10,9 @@ import numpy as np
 from grasp_common.point_cloud import CloudReader
 from shell_deform.live.tick.sample import ContactSample
 
+ALONG = ('ax', 'ay', 'az')
+"""Direction in the pad to the tip of the finger: fields that a hand may leave out."""
+
 
 class ContactReader:
     """Reads one stream of contacts by field name; remembers the layout of the last message."""
@@ -33,4 +36,5 @@ class ContactReader:
             radius=cloud.column(points, 'radius'),
             travel=cloud.column(points, 'travel', np.nan),
             sigma_travel=cloud.column(points, 'sigma_travel', np.nan),
+            along=np.stack([cloud.column(points, name, np.nan) for name in ALONG], axis=1),
         )

@@ -207,17 +207,20 @@ class Estimator:
         measured = self._measured(response, adopted.fingers, pressed)
         now = measured_displacement(response, measured)
         better = FIRMLY * adopted.missed(now - response.displacement)
-        if not away and adopted.at_rest.error(now) < better:
+        stays = not away and not adopted.carries
+        if stays and adopted.at_rest.error(now) < better:
             age = 1e-9 * (sample.stamp - adopted.stamp)
             return self._serve_from_rest(adopted.at_rest, pressed, age, unknown)
         errors = self.settings.errors.on_mesh(adopted.coarseness)
-        posterior = fuse(errors, response, adopted.doubted(measured))
+        lateral, frozen = adopted.across(pressed, self.pose_in_use)
+        posterior = fuse(errors, adopted.after(lateral), adopted.doubted(measured))
+        k = len(adopted.fingers)
+        posterior.inputs[k : 3 * k] += lateral
         self.posterior, self.measured = posterior, measured
         inputs = posterior.inputs
-        k = len(adopted.fingers)
         moved = response.displacement_by @ inputs
         self._linear = adopted.at_rest, response.force + inputs[:k], posterior.root[:k]
-        doubt = _doubt(merged, unknown)
+        doubt = _doubt(merged, unknown) + frozen
         joined = self._joined(first, known, merged, doubt)
         return self._serve_nonlinear(adopted, posterior, moved, sample.stamp, joined)
 
@@ -342,14 +345,15 @@ class Estimator:
             serve_outer(adopted.slot.outer, self.pose_in_use.rotation, packed)
         return packed
 
-    def fill_request(self, record: np.void) -> None:
-        """Write the load case of the last tick into a mailbox record."""
+    def fill_request(self, record: np.void, as_reported: bool = False) -> None:
+        """Write the load case of the last tick into a mailbox record.
+
+        `as_reported`: what the sample says alone, nothing that answers so far made of it.
+        """
         assert self.sample is not None
         errors = self.settings.errors
-        write_load(
-            record, self.sample, errors.drive, errors.tendon, self.pose, self.adopted,
-            self.posterior,
-        )  # fmt: skip
+        known = (None, None) if as_reported else (self.adopted, self.posterior)
+        write_load(record, self.sample, errors.drive, errors.tendon, self.pose, *known)
         if self.grips is not None:
             record['grip'][: len(self.grips.motion)] = self.grips.motion
 

@@ -110,6 +110,7 @@ def _touches(sample: ContactSample, pose: Pose) -> tuple[Touch, ...]:
             float(push[i]),
             float(sample.travel[i]),
             np.nan,
+            sample.along[i] @ pose.rotation,
         )
         for i in range(len(sample.finger))
     )

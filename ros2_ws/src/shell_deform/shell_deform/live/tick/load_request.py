@@ -61,3 +61,4 @@ def write_load(
     touch['force'][:count] = force
     touch['travel'][:count] = sample.travel[:count]
     touch['displacement'][:count] = displacement
+    touch['along'][:count] = sample.along[:count]

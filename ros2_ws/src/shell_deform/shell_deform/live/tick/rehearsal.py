@@ -3,8 +3,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from shell_deform.contact.body_file import FingerBody
+from shell_deform.live.background.fingertips import FingertipSolver
 from shell_deform.live.background.gripping import plan_of
 from shell_deform.live.background.load_case import load_of
 from shell_deform.live.background.solving import LiveSolver
@@ -13,6 +17,7 @@ from shell_deform.live.exchange import REQUEST
 from shell_deform.live.pose import IDENTITY
 from shell_deform.live.tick.estimator import Estimator, Served, Settings
 from shell_deform.live.tick.first_touch import FirstTouch
+from shell_deform.live.tick.load_path import LoadPath
 from shell_deform.live.tick.sample import ContactSample
 from shell_deform.model import ShellModel
 
@@ -20,8 +25,16 @@ from shell_deform.model import ShellModel
 class Rehearsal:
     """Solver, shared memory and estimator of one model, the object where the contacts are."""
 
-    def __init__(self, model: ShellModel, settings: Settings | None = None) -> None:
-        self.solver = LiveSolver(model)
+    def __init__(
+        self,
+        model: ShellModel,
+        settings: Settings | None = None,
+        bodies: Mapping[int, FingerBody] | None = None,
+    ) -> None:
+        """`bodies`: what fingers carry, see `FingertipSolver`; None for pins."""
+        self.solver: LiveSolver | FingertipSolver = (
+            FingertipSolver(model, bodies) if bodies else LiveSolver(model)
+        )
         self.solver.warm_up()
         self.memory, _ = share(self.solver)
         self.estimator = Estimator(
@@ -68,6 +81,17 @@ class Rehearsal:
     def adopt(self) -> None:
         """Let the ticks to come start from the solver's last answer."""
         self.estimator.adopt(self.memory.take())
+
+    def follow(self, sample: ContactSample, path: LoadPath, friction: float) -> Served:
+        """Serve a sample of fingers that carry bodies when its part of the path is solved."""
+        self.tick(sample)
+        self.estimator.fill_request(self._request[0], as_reported=True)
+        self._request[0]['friction'] = friction
+        path.take(self._request)
+        while (request := path.next()) is not None:
+            self._request = request
+            self.refresh()
+        return self.tick(sample)
 
     def settle(self, sample: ContactSample, rounds: int = 3) -> Served:
         """Tick and refresh in turn, so that both agree."""

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,7 @@ class ContactSample:
         radius: (p,) of the contact patch [m].
         travel: (p,) motion along the normal since first touch [m], NaN where unknown.
         sigma_travel: (p,) [m].
+        along: (p, 3) direction in the pad to the tip of the finger, NaN where unknown.
     """
 
     stamp: int
@@ -59,6 +60,11 @@ class ContactSample:
     radius: Array
     travel: Array
     sigma_travel: Array
+    along: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def __post_init__(self) -> None:
+        if len(self.along) != len(self.finger):
+            object.__setattr__(self, 'along', np.full((len(self.finger), 3), np.nan))
 
     @property
     def touching(self) -> NDArray[np.bool_]:
@@ -94,6 +100,7 @@ COLUMNS = (
     'radius',
     'travel',
     'sigma_travel',
+    'along',
 )
 
 
@@ -204,4 +211,5 @@ def _resultant(cells: ContactSample) -> ContactSample:
         radius=np.sqrt(2.0 * spread + np.mean(cells.radius) ** 2)[None],
         travel=np.array([cells.travel[known].mean() if known.any() else np.nan]),
         sigma_travel=np.array([cells.sigma_travel[known].mean() if known.any() else np.nan]),
+        along=cells.along[:1],
     )

@@ -1,0 +1,462 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the background process does with fingers that carry rigid bodies: pads, tips, plates.
+
+Their contact regions grow, stick and slip, and friction remembers how it got where it is: load
+cases are taken one after the other, none is left out here, and every answer is a state of its own.
+A load case says where the fingers are, never what an answer made of that, so that the states do
+not depend on when answers were ready.
+
+A free object that one finger alone touches can be held by none: until another one joins, the
+finger counts as a pin, and friction begins where the second one touches.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.contact.bodies import BodyError
+from shell_deform.contact.body_file import FingerBody
+from shell_deform.contact.contact_field import Memory, contact_field
+from shell_deform.contact.finger_bodies import OTHERS, sizes
+from shell_deform.contact.outer_face import FacePoints
+from shell_deform.live.background.answer import Answer, write
+from shell_deform.live.background.condensed import CondensedSystem, contact_rows
+from shell_deform.live.background.condensed_bodies import Touched, condense, touches_of
+from shell_deform.live.background.contact_tracking import Touch
+from shell_deform.live.background.energy_density import EnergyDensity
+from shell_deform.live.background.fingers import Finger, laid
+from shell_deform.live.background.load_case import Load
+from shell_deform.live.background.rest_shell import RestShell
+from shell_deform.live.background.second_order import Columns, SecondOrder
+from shell_deform.live.background.small_loads import SmallLoads, small_loads
+from shell_deform.live.background.solving import LiveSolver, smallest_stiffness
+from shell_deform.live.background.touch_cells import taxel_rows
+from shell_deform.live.background.tracking import EquilibriumTracker
+from shell_deform.live.exchange import DRIVE_FORCE, MAX_CONTACTS, Slot
+from shell_deform.live.pose import Pose
+from shell_deform.model import ShellModel
+from shell_deform.solve.equilibrium import Equilibrium, LoadCase, forced
+from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+
+Array = NDArray[np.float64]
+
+FEWEST_TO_HOLD = 2
+"""Fingers that hold a free object between them."""
+
+FEWEST_POINTS = 10
+"""Contact points below which a contact region says little about its size."""
+
+FIRST_DOUBT = 1.0
+"""Before two answers are known: error of frozen contacts per squared step, over the wall [-]."""
+
+FORGETS = 0.5
+"""That error is at least this share of what it was an answer before [-]."""
+
+SMALLEST_WAY = 0.005
+"""Steps below this share of the wall tell nothing of it."""
+
+SMALLEST_PUSH = 1e-3
+"""A body driven by its force pushes at least with this [N]: it is said to touch."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """An answer: fingers on the shell, its equilibrium, and the columns there.
+
+    Attributes:
+        fingers: by their numbers. state: the equilibrium. case: what it is under.
+        touched, columns: about it. doubt: error of frozen contacts per squared step [1/m].
+    """
+
+    fingers: tuple[Finger, ...]
+    state: Equilibrium
+    case: LoadCase
+    touched: Touched
+    columns: Columns
+    doubt: float
+
+
+class FingertipSolver:
+    """One shell between fingers that carry bodies; after each load case a slot can be filled."""
+
+    def __init__(self, model: ShellModel, bodies: Mapping[int, FingerBody]) -> None:
+        """`bodies` by the numbers of their fingers, `OTHERS` for those without an own one."""
+        self.pins = LiveSolver(model)
+        self.model = model
+        self._bodies = dict(bodies)
+        self._solver = EquilibriumSolver(model, NewtonOptions(stability=False))
+        self._wall = float(model.shell.thickness.mean())
+        self._energy_density = EnergyDensity(model)
+        self._second = SecondOrder(len(model.rest), self._wall)
+        self._unloaded = self._solver.rest()
+        if model.gas.is_sealed and model.gas.gauge_pressure or model.pressure:
+            self._unloaded = self._solver.solve(forced((), []))
+        self._held: Held | None = None
+        self._load: Load | None = None
+        self._pose: Pose | None = None
+        self._small: SmallLoads | None = None
+        self._linear = np.zeros((len(model.rest), 3, 0))
+        self.share, self.seconds, self.message, self._refused = 1.0, 0.0, '', ''
+        self.motion = None
+        """Friction remembers: nothing is solved ahead of what has come."""
+        self.is_awaited: Callable[[], bool] = lambda: False
+        self.rest_grips = self.pins.rest_grips
+        self.turning = False
+        """Grips do not move while fingertips press."""
+
+    @property
+    def tracker(self) -> EquilibriumTracker:
+        """Follows what counts as a pin."""
+        return self.pins.tracker
+
+    @property
+    def unloaded_surface(self) -> Array:
+        """See `LiveSolver`."""
+        return self.pins.unloaded_surface
+
+    @property
+    def unloaded_normals(self) -> Array:
+        """See `LiveSolver`."""
+        return self.pins.unloaded_normals
+
+    @property
+    def unloaded_outer(self) -> Array | None:
+        """See `LiveSolver`."""
+        return self.pins.unloaded_outer
+
+    def warm_up(self) -> None:
+        """See `LiveSolver`."""
+        self.pins.warm_up()
+
+    def rest_shell(self, curl: float = 0.0) -> RestShell:
+        """See `LiveSolver`."""
+        return self.pins.rest_shell(curl)
+
+    def start_over(self) -> None:
+        """Back to the unloaded shell without contacts."""
+        self._let_go()
+        self.pins.start_over()
+
+    def take(self, load: Load) -> None:
+        """Bring bodies and equilibrium to `load` as far as they follow."""
+        began = time.perf_counter()
+        if load.reset or load.jump or not load.touches:
+            self._let_go()
+        self._load = load
+        if not self._can_hold(load):
+            if self._held is not None:
+                self._let_go()
+            self.pins.take(load)
+            self.pins.refine()
+        else:
+            self._follow(load)
+        self.seconds = time.perf_counter() - began
+
+    columns_serve = True
+    """Columns belong to every answer: there are none to add."""
+
+    def refine(self) -> bool:
+        """See `columns_serve`."""
+        return False
+
+    def _can_hold(self, load: Load) -> bool:
+        return len(load.touches) >= FEWEST_TO_HOLD or (
+            bool(load.touches) and not self.model.free_modes.shape[1]
+        )
+
+    def _let_go(self) -> None:
+        self._held = self._pose = self._small = None
+        self._second.forget()
+        self.share, self.message, self._refused = 1.0, '', ''
+        self.pins.generation += 1
+
+    def _follow(self, load: Load) -> None:
+        """Take a load case of bodies; where it cannot be, the last answer stays, with why."""
+        if self._held is None:
+            self.pins.start_over()
+        if load.pose is not None or self._pose is None:
+            self._pose = self.pins.pose_of(load)
+        pose = self._pose
+        assert pose is not None
+        touches = sorted(load.touches, key=lambda touch: touch.finger)[:MAX_CONTACTS]
+        try:
+            self._held = self._answered(load, [touch.seen_from(pose) for touch in touches])
+            self._refused = ''
+        except BodyError as error:
+            self._refused = str(error)
+        except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
+            if self._held is None:
+                raise
+            self.share, self.message = 0.0, str(error)
+
+    def _answered(self, load: Load, touches: list[Touch]) -> Held:
+        """The answer to a load case from the last one."""
+        fingers, state, anew = self._met(touches, load.friction)
+        case = self._case(load, fingers)
+        found = self._solver.solve(case, state)
+        self.share, self.message = found.load_fraction, found.message
+        found = replace(found, converged=True, message='')
+        found = replace(found, touches=touches_of(self._solver, case, found))
+        touched = condense(self._solver, case, found)
+        columns = self._columns(fingers, found, touched)
+        if anew:
+            self._begin(fingers, columns)
+        doubt = self._learn(None if anew else self._held, fingers, case, columns)
+        return Held(fingers, found, case, touched, columns, doubt)
+
+    def _met(
+        self, touches: list[Touch], friction: float
+    ) -> tuple[tuple[Finger, ...], Equilibrium, bool]:
+        """Fingers where they report, the last state seen with them, and whether they are others.
+
+        What bodies that stay remember of their friction stays with them.
+        """
+        held = self._held
+        known = {} if held is None else {finger.number: finger for finger in held.fingers}
+        state = self._unloaded if held is None else held.state
+        fingers, places = [], []
+        for touch in touches:
+            old = known.get(touch.finger)
+            if old is not None and _far(old, touch):
+                old = None
+            places.append(-1 if old is None or held is None else held.fingers.index(old))
+            if old is not None:
+                fingers.append(old.moved(touch, friction))
+                continue
+            carried = self._bodies.get(touch.finger, self._bodies.get(OTHERS))
+            fingers.append(laid(self._solver.model, state.unknowns, touch, carried, friction))
+        stay = held is not None and places == list(range(len(held.fingers)))
+        if not stay:
+            state = self._with_contacts(tuple(fingers), places, state)
+        return tuple(fingers), state, not stay
+
+    def _with_contacts(
+        self, fingers: tuple[Finger, ...], places: list[int], state: Equilibrium
+    ) -> Equilibrium:
+        """The state under other contacts: those at `places` of the last ones, -1 for new ones."""
+        count = len(fingers)
+        depth = np.array([finger.offset for finger in fingers])
+        force, motion = np.zeros(count), np.zeros((count, 6))
+        model = self._solver.model
+        field = contact_field(
+            model.outer_face,
+            model.wall_stiffness,
+            {k: finger.body for k, finger in enumerate(fingers)},
+            np.ones(count, dtype=bool),
+        )
+        for new, old in enumerate(places):
+            if old >= 0:
+                force[new], depth[new] = state.force[old], state.displacement[old]
+                motion[new] = 0.0 if state.motion is None else state.motion[old]
+        fresh = field.started(None, state.unknowns, depth, motion).memory
+        distance, anchor = fresh.distance.copy(), fresh.anchor.copy()
+        for new, old in enumerate(places):
+            if old >= 0 and state.memory is not None:
+                distance[new], anchor[new] = state.memory.distance[old], state.memory.anchor[old]
+        return replace(
+            state,
+            force=force,
+            displacement=depth,
+            motion=motion,
+            memory=Memory(distance, anchor),
+            touches=(),
+            multipliers=np.zeros(0),
+            history=(),
+        )
+
+    def _case(self, load: Load, fingers: tuple[Finger, ...]) -> LoadCase:
+        """By their travel where it is known and counts, else by their force."""
+        depth = np.array([finger.depth(load.tendon) for finger in fingers])
+        if load.drive == DRIVE_FORCE:
+            depth[:] = np.nan
+        push = np.array([max(finger.touch.force, SMALLEST_PUSH) for finger in fingers])
+        return LoadCase(
+            tuple(finger.contact for finger in fingers),
+            np.where(np.isfinite(depth), np.nan, push),
+            depth,
+            motion=np.array([finger.motion for finger in fingers]),
+        )
+
+    def _columns(
+        self, fingers: tuple[Finger, ...], state: Equilibrium, touched: Touched
+    ) -> Columns:
+        """The tangent about an answer, on the limit surface."""
+        condensed, size = touched.condensed, len(self.model.rest)
+        j = condensed.fields.shape[1]
+        controls = condensed.fields[: 3 * size].reshape(size, 3 * j)
+        fields = self.model.surface.limit_matrix @ controls
+        across = [
+            float(axis @ finger.motion[:3])
+            for finger in fingers
+            for axis in finger.contact.lateral
+        ]
+        return Columns(
+            self.model.surface.limit_positions(state.positions),
+            np.ascontiguousarray(fields.reshape(size, 3, j)),
+            condensed.displacement,
+            state.displacement,
+            np.concatenate([state.force, across, touched.rigid, [0.0]]),
+        )
+
+    def _begin(self, fingers: tuple[Finger, ...], columns: Columns) -> None:
+        """Other contacts: linear theory from rest for pins at their places."""
+        self.pins.generation += 1
+        model, unloaded = self.model, self.pins.unloaded
+        rows = contact_rows(model, tuple(finger.pin for finger in fingers))
+        tangent, factor = self.pins.tracker.rest_tangent(unloaded)
+        self._small = small_loads(
+            model, model.shell.continued(model.shell, unloaded),
+            CondensedSystem(factor, tangent, rows), rows,
+        )  # fmt: skip
+        size, count = len(model.rest), len(fingers)
+        controls = self._small.fields[: 3 * size].reshape(size, 3 * count)
+        linear = model.surface.limit_matrix @ controls
+        self._linear = np.ascontiguousarray(linear.reshape(size, 3, count))
+        self._second.forget()
+
+    def _learn(
+        self,
+        last: Held | None,
+        fingers: tuple[Finger, ...],
+        case: LoadCase,
+        columns: Columns,
+    ) -> float:
+        """Second order of the way here, and by how much frozen contacts missed its end [1/m]."""
+        if last is None:
+            return FIRST_DOUBT / self._wall
+        steps = columns.displacement - last.columns.displacement
+        change = case.motions - last.case.motions
+        halves = np.array([finger.carried.size for finger in fingers])
+        ways = np.abs(steps) + np.linalg.norm(change[:, :3], axis=1)
+        way = float((ways + halves * np.linalg.norm(change[:, 3:], axis=1)).max())
+        doubt = last.doubt
+        if way > SMALLEST_WAY * self._wall:
+            same = columns.inputs.shape == last.columns.inputs.shape
+            inputs = columns.inputs - last.columns.inputs if same else np.zeros(0)
+            served = last.columns.surface + (last.columns.columns @ inputs if same else 0.0)
+            if len(self._second.direction) == len(steps):
+                served = served + (self._second.direction @ steps) ** 2 * self._second.field
+            missed = float(np.linalg.norm(columns.surface - served, axis=1).max())
+            doubt = max(missed / way**2, FORGETS * doubt)
+            if same:
+                self._second.along(last.columns, columns, case.driven)
+        return doubt
+
+    def fill(self, slot: Slot) -> None:
+        """Write the present result."""
+        if self._held is None:
+            self.pins.fill(slot)
+        else:
+            self._fill(slot, self._held)
+        if self._refused:
+            slot.record['refused'] = 1
+            slot.record['message'] = self._refused.encode()[:200]
+
+    def _fill(self, slot: Slot, held: Held) -> None:
+        fingers, state, condensed = held.fingers, held.state, held.touched.condensed
+        count = len(fingers)
+        point, normal = _pressed(fingers, state)
+        lateral = np.array([d for f in fingers for d in f.contact.lateral])
+        pushed = np.repeat([touch.force for touch in state.touches], 2, axis=0)
+        reaction = np.einsum('ki,ki->k', lateral, pushed)
+        if len(state.multipliers) >= 3 * count and not fingers[0].body.friction:
+            reaction -= state.multipliers[: 3 * count].reshape(count, 3)[:, :2].ravel()
+        assert self._pose is not None and self._load is not None
+        answer = Answer(
+            numbers={
+                'stamp': self._load.stamp,
+                'generation': self.pins.generation,
+                'share': self.share,
+                'stable': int(held.touched.stable(held.case.driven)),
+                'snap_margin': self._snap_margin(condensed.displacement[:, :count]),
+                'energy': state.energy,
+                'seconds': self.seconds,
+                'factorisations': state.factorisations,
+                'rigid_scale': np.sqrt(len(self.model.rest)),
+                'set_doubt': held.doubt,
+            },
+            contacts={
+                'finger': [finger.number for finger in fingers],
+                'force': state.force,
+                'displacement': state.displacement,
+                'travel_offset': [finger.offset for finger in fingers],
+                'axis': [finger.contact.axis for finger in fingers],
+                'anchor': [finger.touch.point for finger in fingers],
+                'frame': [finger.now for finger in fingers],
+                'reach': [finger.carried.size for finger in fingers],
+                'place': [finger.contact.point for finger in fingers],
+                'coarseness': [finger.coarseness for finger in fingers],
+                'lateral': lateral,
+                'rigid': held.touched.rigid,
+                'touch_point': point,
+                'touch_normal': normal,
+                'reaction': reaction,
+                'rigid_reaction': np.zeros(len(held.touched.rigid)),
+                'pose': self._pose.numbers,
+                'pose_covariance': np.zeros((6, 6)),
+            },
+            condensed=condensed,
+            columns=held.columns.columns,
+            since=np.zeros(count),
+            second=self._second,
+            small=self._small,
+            linear=self._linear,
+            message=self.message or _few_points(fingers, state),
+            surface=held.columns.surface,
+            normals=self.model.surface.vertex_normals(state.positions),
+            energy_density=self._energy_density.at(state.positions),
+            taxels=taxel_rows(fingers, state.touches),
+        )
+        write(slot, answer, self._wall)
+        if slot.outer is not None and slot.outer_slope is not None:
+            slot.outer[:] = self._solver.model.shell.outer_face(state.unknowns) - answer.surface
+            slot.outer_slope[:] = 0.0
+
+    def _snap_margin(self, compliance: Array) -> float:
+        if self._small is None:
+            return 1.0
+        return smallest_stiffness(compliance) / smallest_stiffness(self._small.compliance)
+
+
+def _far(finger: Finger, touch: Touch) -> bool:
+    """Whether a finger is so far from where it last was that it touches anew."""
+    away = float(np.linalg.norm(touch.point - finger.touch.point))
+    turned = finger.moved(touch, finger.body.friction).now - finger.now
+    reach = sizes([finger.carried])[1]
+    leap = max(away, reach * float(np.linalg.norm(turned, axis=0).max()))
+    return leap > 2.0 * finger.carried.size
+
+
+def _pressed(fingers: tuple[Finger, ...], state: Equilibrium) -> tuple[Array, Array]:
+    """Centres of pressure (k, 3) [m] and mean normals (k, 3) into the object there.
+
+    Those of a thick wall, which knows no normals at its points, are the axes of the contacts.
+    """
+    points, normals = [], []
+    for finger, touch in zip(fingers, state.touches, strict=True):
+        load = touch.weights * touch.pressure
+        if load.sum() > 0.0:
+            normal = finger.contact.axis
+            if isinstance(touch.face, FacePoints):
+                normal = -load @ touch.face.normal
+            points.append(load @ touch.face.position / load.sum())
+            normals.append(normal / np.linalg.norm(normal))
+        else:
+            points.append(finger.touch.point)
+            normals.append(finger.contact.axis)
+    return np.array(points), np.array(normals)
+
+
+def _few_points(fingers: tuple[Finger, ...], state: Equilibrium) -> str:
+    """A word where a contact region is seen by too few points."""
+    few = [
+        f'finger {finger.number} presses {len(touch.pressure)} contact points'
+        for finger, touch in zip(fingers, state.touches, strict=True)
+        if 0 < len(touch.pressure) < FEWEST_POINTS
+    ]
+    return f'{"; ".join(few)}: more control vertices there resolve its region' if few else ''

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The way of fingers that carry bodies, as the load cases that the background process takes.
+
+Friction has memory: what a grasp is depends on how it came there, so no load case may be
+overtaken. They are thinned along their path instead. A sample becomes a load case where a finger
+has moved by a step since the last one, where the way turns back, and where fingers touch or let
+go: a rule that knows lengths and no times, so that a grasp played slowly or fast is the same.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shell_deform.live.background.worker_link import WorkerProcess
+from shell_deform.live.exchange import DRIVE_FORCE
+from shell_deform.live.pose import IDENTITY, Pose, pose_of
+
+Array = NDArray[np.float64]
+
+WHOLE = 1.0 - 1e-9
+"""A step but for round-off."""
+
+TURNS_BACK = 0.3
+"""A way that comes back by this share of a step has turned."""
+
+FORCE_STEP = 0.25
+"""What a step is for a finger that is driven by its force [N]."""
+
+MOST_WAITING = 64
+"""Load cases that wait; beyond, every second one is left out."""
+
+
+class LoadPath:
+    """Chooses load cases from samples and keeps those that wait to be solved.
+
+    Attributes:
+        left_out: how many were given up because too many waited.
+    """
+
+    def __init__(self, step: float, reach: float) -> None:
+        """`step` [m]; `reach` [m]: half the size of the bodies, which turns count with."""
+        self.step, self.reach = step, reach
+        self.left_out = 0
+        self.clear()
+
+    def clear(self) -> None:
+        """Begin anew: with the next sample."""
+        self._last: np.ndarray | None = None
+        self._farthest: np.ndarray | None = None
+        self._waiting: deque[np.ndarray] = deque()
+
+    @property
+    def waiting(self) -> int:
+        """How many load cases have not been handed on yet."""
+        return len(self._waiting)
+
+    def take(self, request: np.ndarray) -> None:
+        """Look at the load case (1,) of a sample; it is copied where it is kept."""
+        last = self._last
+        away = np.inf if last is None else self._steps(last[0], request[0])
+        if away >= WHOLE:
+            self._keep(request)
+            return
+        farthest = self._farthest
+        if farthest is not None and last is not None:
+            most = self._steps(last[0], farthest[0])
+            if away < most and self._steps(farthest[0], request[0]) > TURNS_BACK:
+                self._keep(farthest)
+                if self._steps(farthest[0], request[0]) >= WHOLE:
+                    self._keep(request)
+                    return
+                self._farthest = request.copy()
+                return
+            if away <= most:
+                return
+        self._farthest = request.copy()
+
+    def next(self) -> np.ndarray | None:
+        """The load case that has waited longest, or None; it does not wait any more."""
+        return self._waiting.popleft() if self._waiting else None
+
+    def _keep(self, request: np.ndarray) -> None:
+        self._last, self._farthest = request.copy(), None
+        self._waiting.append(self._last)
+        if len(self._waiting) > MOST_WAITING:
+            kept = list(self._waiting)[1::2]
+            self.left_out += len(self._waiting) - len(kept)
+            self._waiting = deque(kept)
+
+    def _steps(self, first: np.void, second: np.void) -> float:
+        """The way between two load cases in steps; infinite where other fingers touch."""
+        count = int(first['contacts'])
+        one, other = first['touch'][:count], second['touch'][:count]
+        if (
+            count != int(second['contacts'])
+            or not np.array_equal(one['finger'], other['finger'])
+            or first['friction'] != second['friction']
+            or first['drive'] != second['drive']
+        ):
+            return float(np.inf)
+        if not count:
+            return 0.0
+        poses = [_pose(request) for request in (first, second)]
+        places, normals, along = (
+            [view(pose, touch) for pose, touch in zip(poses, (one, other), strict=True)]
+            for view in (_places, _normals, _along)
+        )
+        ways = np.linalg.norm(places[1] - places[0], axis=1)
+        ways += self.reach * np.linalg.norm(normals[1] - normals[0], axis=1)
+        ways += self.reach * np.linalg.norm(np.nan_to_num(along[1] - along[0]), axis=1)
+        forced = ~(np.isfinite(one['travel']) & np.isfinite(other['travel']))
+        forced |= int(first['drive']) == DRIVE_FORCE
+        pushes = np.where(forced, np.abs(other['force'] - one['force']) / FORCE_STEP, 0.0)
+        return float(np.maximum(ways / self.step, pushes).max())
+
+
+def _pose(request: np.void) -> Pose:
+    return pose_of(request['pose']) if request['placed'] else IDENTITY
+
+
+def _places(pose: Pose, touch: np.ndarray) -> Array:
+    return pose.to_object(touch['point'])
+
+
+def _normals(pose: Pose, touch: np.ndarray) -> Array:
+    return np.asarray(touch['normal'] @ pose.rotation)
+
+
+def _along(pose: Pose, touch: np.ndarray) -> Array:
+    return np.asarray(touch['along'] @ pose.rotation)
+
+
+class PathFeed:
+    """Hands the load cases of a path to the background process, each when the last is answered."""
+
+    def __init__(self, path: LoadPath) -> None:
+        self.path = path
+        self._worker: WorkerProcess | None = None
+        self._asked = 0
+        self._last: np.ndarray | None = None
+
+    def clear(self) -> None:
+        """Begin anew: time has jumped, or the object is another one."""
+        self.path.clear()
+        self._last = None
+
+    def feed(self, worker: WorkerProcess) -> bool:
+        """Hand on what can be; whether every load case is answered."""
+        if worker.memory is None:
+            return False
+        if worker is not self._worker:
+            # A process that replaces another one has to be told what there is now.
+            self._worker, self._asked = worker, 0
+            if self._last is not None:
+                self._asked = worker.post(self._last)
+        if worker.answered < self._asked:
+            return False
+        request = self.path.next()
+        if request is None:
+            return True
+        self._last = request
+        self._asked = worker.post(request)
+        return False
+
+    @property
+    def behind(self) -> int:
+        """Load cases that have no answer yet."""
+        open_one = self._worker is not None and self._worker.answered < self._asked
+        return self.path.waiting + int(open_one)

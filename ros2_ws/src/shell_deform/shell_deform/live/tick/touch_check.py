@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measured touch cells against those that the equilibrium expects: which finger contradicts.
+
+Cells measure along their own normals, each about a hundredth of the force; what is compared is
+what they are worth together: the push of a finger, where its centre lies, and how far it spreads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from shell_deform.contact.body_file import FingerBody
+from shell_deform.contact.finger_bodies import OTHERS
+from shell_deform.live.exchange import TAXEL_FIELDS
+from shell_deform.live.tick.sample import MOST_FORCE, SampleError
+
+Array = NDArray[np.float64]
+
+SIGMA_RELATIVE, SIGMA_N = 0.05, 0.05
+"""Of a cell: gain, and noise [N]."""
+
+SMALLEST_PUSH = 0.3
+"""Below this push [N] cells say nothing about where it is."""
+
+
+@dataclass(frozen=True)
+class TouchCells:
+    """One sample of the cells: who measured what.
+
+    Attributes:
+        stamp: [ns]. finger, cell: (c,) whose. force: (c,) along its normal, on the object [N].
+    """
+
+    stamp: int
+    finger: NDArray[np.int64]
+    cell: NDArray[np.int64]
+    force: Array
+
+
+@dataclass(frozen=True)
+class TouchJudgement:
+    """By how many standard deviations the cells of the worst finger are off, and what of them.
+
+    Attributes:
+        value: root mean square of what is compared [-]. suspect: '' below 1, else in words.
+    """
+
+    value: float
+    suspect: str
+
+
+@dataclass(frozen=True)
+class _Summary:
+    """Push [N], centre (3,) [m], spread [m] of a finger's cells, and the variance of each."""
+
+    push: float
+    centre: Array
+    spread: float
+    push_variance: float
+    place_variance: float
+
+
+def check_cells(cells: TouchCells, bodies: Mapping[int, FingerBody]) -> None:
+    """Raise SampleError for cells that no body has, twice or missing ones, impossible forces."""
+    for finger in np.unique(cells.finger).tolist():
+        body = bodies.get(finger, bodies.get(OTHERS))
+        own = np.sort(cells.cell[cells.finger == finger])
+        count = 0 if body is None else len(body.cells)
+        if not np.array_equal(own, np.arange(count)):
+            raise SampleError(
+                f'hand/tactile has {len(own)} cells of finger {finger}, numbers {own.min()} to '
+                f'{own.max()}; its body has {count}, each needed once, so they are not used'
+            )
+    bad = ~(np.abs(cells.force) < MOST_FORCE)
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        raise SampleError(
+            f'cell {cells.cell[row]} of finger {cells.finger[row]} measures {cells.force[row]} N; '
+            f'a finite force below {MOST_FORCE:g} N is needed, so the cells are not used'
+        )
+
+
+def judged(cells: TouchCells, taxels: Array, bodies: Mapping[int, FingerBody]) -> TouchJudgement:
+    """Measured cells against rows of `TAXEL_FIELDS`, finger by finger."""
+    worst = TouchJudgement(0.0, '')
+    column = {name: k for k, name in enumerate(TAXEL_FIELDS)}
+    for finger in np.unique(cells.finger).tolist():
+        rows = taxels[taxels[:, column['finger']] == finger]
+        body = bodies.get(finger, bodies.get(OTHERS))
+        if body is None or len(rows) != len(body.cells):
+            continue
+        order = np.argsort(cells.cell[cells.finger == finger])
+        measured = cells.force[cells.finger == finger][order]
+        expected = np.einsum('ci,ci->c', rows[:, 6:9], rows[:, 3:6])
+        found = _compared(_summary(measured, body.cells), _summary(expected, body.cells))
+        if found is not None and found[0] > worst.value:
+            worst = TouchJudgement(found[0], f'{found[1]} of the cells of finger {finger}')
+    return worst if worst.value > 1.0 else TouchJudgement(worst.value, '')
+
+
+def _summary(force: Array, places: Array) -> _Summary:
+    push = float(force.sum())
+    share = np.maximum(force, 0.0)
+    share = share / max(float(share.sum()), 1e-12)
+    centre = share @ places
+    away = np.sum((places - centre) ** 2, axis=1)
+    noise = np.hypot(SIGMA_N, SIGMA_RELATIVE * force) ** 2
+    pitch = float(np.median(cKDTree(places).query(places, 2)[0][:, 1])) if len(places) > 1 else 0.0
+    scale = max(push, SMALLEST_PUSH) ** 2
+    place = pitch**2 / 12.0 + float(noise @ away) / scale
+    return _Summary(push, centre, float(np.sqrt(share @ away)), float(noise.sum()), place)
+
+
+def _compared(measured: _Summary, expected: _Summary) -> tuple[float, str] | None:
+    """Root mean square of the normalised differences, and the largest of them."""
+    if max(measured.push, expected.push) < SMALLEST_PUSH:
+        return None
+    place = measured.place_variance + expected.place_variance
+    shift = float(np.sum((measured.centre - expected.centre) ** 2)) / (2.0 * place)
+    push = (measured.push - expected.push) ** 2
+    push /= measured.push_variance + expected.push_variance + (0.05 * expected.push) ** 2
+    spread = (measured.spread - expected.spread) ** 2 / place
+    parts = {'centre': shift, 'push': push, 'extent': spread}
+    return float(np.sqrt(np.mean(list(parts.values())))), max(parts, key=lambda n: parts[n])

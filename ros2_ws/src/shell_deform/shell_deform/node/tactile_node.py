@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measured touch cells, `hand/tactile`, beside those that the equilibrium expects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Float64
+
+from grasp_common.messages import nanoseconds, number
+from grasp_common.point_cloud import CloudReader, MessageError
+from shell_deform.contact.body_file import FingerBody
+from shell_deform.live.tick.adopted import Adopted
+from shell_deform.live.tick.sample import SampleError
+from shell_deform.live.tick.touch_check import TouchCells, TouchJudgement, check_cells, judged
+
+CELLS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class Tactile:
+    """Keeps the newest cells of `hand/tactile`: fields `finger`, `cell` and `force` [N]."""
+
+    def __init__(self, node: Node) -> None:
+        """Listen on `node`."""
+        self._node = node
+        self._reader = CloudReader('hand/tactile')
+        self._cells: TouchCells | None = None
+        self._judgement: TouchJudgement | None = None
+        self._unusable = ''
+        self.bodies: Mapping[int, FingerBody] = {}
+        node.create_subscription(
+            PointCloud2,
+            'hand/tactile',
+            self._take,
+            CELLS,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
+        self._publisher = node.create_publisher(
+            Float64,
+            'deformation/touch_contradiction',
+            10,
+            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+        )
+
+    def forget(self) -> None:
+        """Time has jumped."""
+        self._cells = self._judgement = None
+
+    def _take(self, message: PointCloud2) -> None:
+        try:
+            points = self._reader.read(message)
+            cells = TouchCells(
+                nanoseconds(message.header.stamp),
+                self._reader.integers(points, 'finger'),
+                self._reader.integers(points, 'cell'),
+                self._reader.column(points, 'force'),
+            )
+            check_cells(cells, self.bodies)
+        except (MessageError, SampleError) as error:
+            # The last good ones stay.
+            self._unusable = str(error)
+            self._node.get_logger().error(self._unusable, throttle_duration_sec=5.0)
+            return
+        self._cells, self._unusable = cells, ''
+
+    def judge(self, adopted: Adopted) -> None:
+        """Compare the newest cells with those of an equilibrium."""
+        if self._cells is None or not adopted.carries:
+            return
+        taxels = adopted.slot.taxels[: int(adopted.slot.record['taxels'])]
+        self._judgement = judged(self._cells, taxels, self.bodies)
+        self._publisher.publish(number(self._judgement.value))
+
+    @property
+    def figures(self) -> dict[str, object]:
+        """What /diagnostics says of it."""
+        told: dict[str, object] = {}
+        if self._unusable:
+            told['hand/tactile'] = self._unusable
+        if self._judgement is not None:
+            told['touch contradiction'] = self._judgement.value
+            told['touch suspect'] = self._judgement.suspect
+        return told

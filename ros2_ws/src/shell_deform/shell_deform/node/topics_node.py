@@ -111,7 +111,7 @@ class DeformationTopics:
 
     def taxels(self, packed: NDArray[np.float32], stamp: int, frame: str) -> None:
         """What the touch cells of fingers feel: a row a cell."""
-        if self._taxels.get_subscription_count():
+        if len(packed) and self._taxels.get_subscription_count():
             writer = messages.SurfaceWriter(len(packed), TAXEL_FIELDS)
             self._taxels.publish(writer.message(packed, stamp, frame))
 

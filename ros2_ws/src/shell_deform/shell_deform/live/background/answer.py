@@ -13,6 +13,7 @@ from shell_deform.live.background.condensed import Condensed
 from shell_deform.live.background.second_order import SecondOrder
 from shell_deform.live.background.small_loads import SmallLoads
 from shell_deform.live.exchange import Slot
+from shell_deform.live.pose import IDENTITY
 
 Array = NDArray[np.float64]
 
@@ -59,6 +60,7 @@ def write(slot: Slot, answer: Answer, wall: float) -> None:
     record['answers'] = 0
     record['contacts'], record['rigid_count'] = k, r
     record['set_doubt'], record['reach'], record['refused'] = 0.0, 0.0, 0
+    record['carried'], record['spin'], record['grasp_known'] = IDENTITY.numbers, 0.0, 0
     for name, value in answer.numbers.items():
         record[name] = value
     for name, rows in answer.contacts.items():

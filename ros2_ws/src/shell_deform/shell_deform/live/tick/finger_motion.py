@@ -58,7 +58,7 @@ class FingerMotion:
     def _check_direction(self, sample: ContactSample) -> None:
         """Raise SampleError for a direction to the tip that is none."""
         cross = np.linalg.norm(np.cross(sample.along, sample.normal), axis=1)
-        given = ~np.isnan(sample.along).all(axis=1)
+        given = np.asarray(~np.isnan(sample.along).all(axis=1))
         length = np.linalg.norm(np.where(given[:, None], sample.along, 1.0), axis=1)
         bad = np.flatnonzero(given & ~(cross > SMALLEST_ANGLE * length))
         if len(bad):

@@ -142,7 +142,7 @@ def test_a_unit_that_makes_the_object_no_hand_sized_one_is_refused(
     out = tmp_path / 'out'
     assert main(half_ball, '--unit', unit, *MATERIAL, '--out', out) == 1
     error = capsys.readouterr().err
-    assert 'or --unit in makes it 64' in error and error.count('\n') == 1
+    assert 'or --unit inch makes it 64' in error and error.count('\n') == 1
     assert not out.exists()
 
 

@@ -358,7 +358,7 @@ class DeformationNode(Node):
         adopted, posterior, measured = estimator.adopted, estimator.posterior, estimator.measured
         if adopted is None or posterior is None or measured is None:
             modulus.release()
-        elif modulus.update(adopted.response, posterior.inputs, measured):
+        elif adopted.share == 1.0 and modulus.update(adopted.response, posterior.inputs, measured):
             self._topics.modulus(modulus.estimate)
 
     @property

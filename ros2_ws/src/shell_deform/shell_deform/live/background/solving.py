@@ -43,9 +43,9 @@ GOOD_CONTRACTION = 0.1
 """Columns serve on where the chord iterations on their tangent still contract so well."""
 
 FARTHEST_STEP = 0.25
-"""In real time a load case further than this many wall thicknesses is approached in parts, until a
-newer one has come: a long step costs more than its parts, and while it is solved the fingers get
-further away."""
+"""In real time a thick wall goes to a load case further than this many wall thicknesses in parts,
+until a newer one has come: a long step costs more than its parts, and while it is solved the
+fingers get further away."""
 
 MOST_STATES = 3
 """States in a row that are served with the same columns."""
@@ -169,13 +169,19 @@ class LiveSolver:
         self.seconds = time.perf_counter() - began
 
     def _approach(self, target: Target) -> float:
-        """Go to `target`, or in real time until a newer load case has come; the share reached."""
-        if self.motion is None:
+        """Go to `target`, or with a thick wall in real time until a newer load case has come.
+
+        Returns the share reached.
+        """
+        if self.motion is None or self._face is None:
             return self.tracker.advance(target)
         while True:
             near, part = self.tracker.within(target, FARTHEST_STEP * self._wall)
             share = part * self.tracker.advance(near)
-            if part == 1.0 or self.tracker.message or self.is_awaited():
+            # A grasp that is taken up is answered whole: its first answer ends the taking up.
+            if part == 1.0 or self.tracker.message:
+                return share
+            if not self.contacts.laid and self.is_awaited():
                 return share
 
     def start_over(self) -> None:

@@ -80,6 +80,26 @@ def test_a_release_ends_at_rest_and_the_next_grasp_is_the_first_again(model, tru
     assert error(served.packed, surface) < 3e-5
 
 
+def slid(angle, travel, stamp):
+    """Two opposite pins at an angle [rad] from the graded poles."""
+    out = np.array([[np.cos(angle), np.sin(angle), 0.0]]) * np.array([[1.0], [-1.0]])
+    point = (0.0325 - travel) * out
+    return live_hand.sample(point, -out, [5.0] * 2, [travel] * 2, radius=RADIUS, stamp=stamp)
+
+
+def test_fingers_that_slide_are_followed_with_the_unknowns_of_their_new_pins(model):
+    """The way of the last pins, which had other unknowns, leads nowhere under these."""
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
+    for stamp, travel in enumerate((2e-4, 4e-4, 6e-4, 8e-4), 1):
+        pipeline.settle(slid(0.0, travel, stamp), rounds=1)
+    laid = pipeline.solver.generation
+    for stamp, angle in enumerate((0.02, 0.08, 0.3), 5):
+        served = pipeline.settle(slid(angle, 9e-4, stamp), rounds=2)
+        assert served.answer == 'nonlinear' and not pipeline.solver.message
+        assert pipeline.solver.share == 1.0
+    assert pipeline.solver.generation > laid
+
+
 @pytest.fixture(scope='module')
 def outer(ball, model):
     """Outer face (n, 3) [m] at a travel [m], by the offline solver."""

@@ -192,6 +192,8 @@ class EquilibriumTracker:
             self.state, force=np.asarray(force, float), multipliers=np.zeros(count)
         )
         self._target = None
+        # Where the last contacts were going says nothing of these.
+        self._path = ()
         self._system = None
 
     def forget_tangent(self) -> None:

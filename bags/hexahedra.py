@@ -83,6 +83,26 @@ def graded(length: float, first: float, largest: float, growth: float) -> Array:
     return np.concatenate([[0.0], np.cumsum(sizes)]) * (length / sum(sizes))
 
 
+def unit(vector: Array) -> Array:
+    """The direction of a vector."""
+    return vector / np.linalg.norm(vector)
+
+
+def spherical_patch(
+    radius: float, corners: tuple[Array, ...], first: Array, second: Array
+) -> Patch:
+    """The part of a sphere between four directions, at fractions along its sides."""
+    a, b = first[:, None, None], second[None, :, None]
+    flat = (
+        (1 - a) * (1 - b) * corners[0]
+        + a * (1 - b) * corners[1]
+        + a * b * corners[2]
+        + (1 - a) * b * corners[3]
+    )
+    normals = flat / np.linalg.norm(flat, axis=2, keepdims=True)
+    return Patch(radius * normals, normals)
+
+
 def build(patches: list[Patch], thickness: float, layers: int) -> Solid:
     """Extrude the patches through the wall; coincident nodes of neighbouring patches merge."""
     heights = np.linspace(-thickness / 2, thickness / 2, 2 * layers + 1)

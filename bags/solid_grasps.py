@@ -49,10 +49,6 @@ class Mesh:
     layers: int = 2
 
 
-def _unit(vector: Array) -> Array:
-    return vector / np.linalg.norm(vector)
-
-
 def patches(radius: float, lean: float, mesh: Mesh) -> list[Patch]:
     """Six quadrilateral patches on the quarter, refined towards the contact on its edge z = 0."""
     contact = np.array([np.cos(lean), np.sin(lean), 0.0])
@@ -60,8 +56,8 @@ def patches(radius: float, lean: float, mesh: Mesh) -> list[Patch]:
     found = []
     for sign in (1.0, -1.0):
         side = np.array([0.0, sign, 0.0])
-        to_side, to_pole = _unit(contact + side), _unit(contact + pole)
-        middle, between = _unit(contact + side + pole), _unit(side + pole)
+        to_side, to_pole = hexahedra.unit(contact + side), hexahedra.unit(contact + pole)
+        middle, between = hexahedra.unit(contact + side + pole), hexahedra.unit(side + pole)
         along_side = _fractions(radius * float(np.arccos(contact @ side)) / 2.0, mesh)
         along_pole = _fractions(radius * np.pi / 4.0, mesh)
         even = hexahedra.with_midpoints(np.linspace(0.0, 1.0, 6))
@@ -75,7 +71,9 @@ def patches(radius: float, lean: float, mesh: Mesh) -> list[Patch]:
             turned = sign > 0.0
             corners = (a, b, c, d) if turned else (a, d, c, b)
             found.append(
-                _patch(radius, corners, *((first, second) if turned else (second, first)))
+                hexahedra.spherical_patch(
+                    radius, corners, *((first, second) if turned else (second, first))
+                )
             )
     return found
 
@@ -83,18 +81,6 @@ def patches(radius: float, lean: float, mesh: Mesh) -> list[Patch]:
 def _fractions(length: float, mesh: Mesh) -> Array:
     edges = hexahedra.graded(length, mesh.finest, mesh.largest, mesh.growth)
     return hexahedra.with_midpoints(edges) / length
-
-
-def _patch(radius: float, corners: tuple[Array, ...], first: Array, second: Array) -> Patch:
-    a, b = first[:, None, None], second[None, :, None]
-    flat = (
-        (1 - a) * (1 - b) * corners[0]
-        + a * (1 - b) * corners[1]
-        + a * b * corners[2]
-        + (1 - a) * b * corners[3]
-    )
-    normals = flat / np.linalg.norm(flat, axis=2, keepdims=True)
-    return Patch(radius * normals, normals)
 
 
 def model(ball: Ball, lean: float, mesh: Mesh) -> Model:
@@ -153,9 +139,9 @@ def outward_at(solid: Solid, positions: Array, node: int) -> Array:
                 np.array([corner_a[where[0]]]), np.array([corner_b[where[0]]])
             )
             corners = positions[face - 1]
-            total += _unit(np.cross(slopes_a[:, 0] @ corners, slopes_b[:, 0] @ corners))
+            total += hexahedra.unit(np.cross(slopes_a[:, 0] @ corners, slopes_b[:, 0] @ corners))
     total[2] = 0.0
-    return _unit(total)
+    return hexahedra.unit(total)
 
 
 def record(ball: Ball, lean: float, forces: tuple[float, ...], mesh: Mesh) -> dict[str, object]:
@@ -199,7 +185,7 @@ def mapped_leans(number: int) -> list[float]:
     leans = []
     for k in range(number):
         found = sample_grasp(points, triangles, 'two_pins', 0.35, (0, k))
-        out = np.array([_unit(point) for point in found.at])
+        out = np.array([hexahedra.unit(point) for point in found.at])
         leans.append(float(np.arccos(-np.einsum('ki,ki->k', out, found.axis)).mean()))
     return leans
 

@@ -23,41 +23,31 @@ def sector_patches(radius: float, finest: float, growth: float, rest: int) -> li
     contact = np.array([1.0, 0.0, 0.0])
     side = np.array([np.cos(ANGLE), np.sin(ANGLE), 0.0])
     pole = np.array([0.0, 0.0, 1.0])
-    middle = _unit(contact + side + pole)
+    middle = hexahedra.unit(contact + side + pole)
     contact_side, side_pole, contact_pole = (
-        _unit(contact + side),
-        _unit(side + pole),
-        _unit(contact + pole),
+        hexahedra.unit(contact + side),
+        hexahedra.unit(side + pole),
+        hexahedra.unit(contact + pole),
     )
     largest = 3.5
     along_side = _fractions(radius * ANGLE / 2, finest, largest, growth)
     along_pole = _fractions(radius * np.pi / 4, finest, largest, growth)
     even = hexahedra.with_midpoints(np.linspace(0.0, 1.0, rest + 1))
     return [
-        _patch(radius, (contact, contact_side, middle, contact_pole), along_side, along_pole),
-        _patch(radius, (contact_side, side, side_pole, middle), even, along_pole),
-        _patch(radius, (contact_pole, middle, side_pole, pole), along_side, even),
+        hexahedra.spherical_patch(
+            radius, (contact, contact_side, middle, contact_pole), along_side, along_pole
+        ),
+        hexahedra.spherical_patch(
+            radius, (contact_side, side, side_pole, middle), even, along_pole
+        ),
+        hexahedra.spherical_patch(
+            radius, (contact_pole, middle, side_pole, pole), along_side, even
+        ),
     ]
 
 
 def _fractions(length: float, finest: float, largest: float, growth: float) -> Array:
     return hexahedra.with_midpoints(hexahedra.graded(length, finest, largest, growth)) / length
-
-
-def _unit(vector: Array) -> Array:
-    return vector / np.linalg.norm(vector)
-
-
-def _patch(radius: float, corners: tuple[Array, ...], first: Array, second: Array) -> Patch:
-    a, b = first[:, None, None], second[None, :, None]
-    flat = (
-        (1 - a) * (1 - b) * corners[0]
-        + a * (1 - b) * corners[1]
-        + a * b * corners[2]
-        + (1 - a) * b * corners[3]
-    )
-    normals = flat / np.linalg.norm(flat, axis=2, keepdims=True)
-    return Patch(radius * normals, normals)
 
 
 def model(ball: Ball, finest: float = 0.3, growth: float = 1.16, layers: int = 2) -> Model:

@@ -27,9 +27,6 @@ COINCIDENT = 1e-9
 UNIFORM_ARM = 2.0 / 3.0
 """Mean arm of an even pressure over the radius of its disc."""
 
-RIM_ARM = 1.0
-"""The same of a thin shell under a flat face: it lies on the rim."""
-
 
 class GraspError(ValueError):
     """Contacts that no measure can be told of; the text says which value is impossible."""

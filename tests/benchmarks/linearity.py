@@ -27,7 +27,8 @@ from figures import show
 from shell_deform.building import build_model
 from shell_deform.live.background.condensed import contact_rows
 from shell_deform.live.background.small_loads import pair_products, small_loads
-from shell_deform.live.background.tracking import EquilibriumTracker, Target
+from shell_deform.live.background.tracked_state import Target
+from shell_deform.live.background.tracking import EquilibriumTracker
 from shell_deform.live.tick.linearity import linear_error
 from shell_deform.objects.shell_object import Cylinder, Ellipsoid, Gas, ShellObject, Sphere
 

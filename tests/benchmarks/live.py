@@ -20,7 +20,8 @@ from figures import Row, show
 
 from shell_deform.building import build_model
 from shell_deform.live.background.condensed import contact_rows
-from shell_deform.live.background.tracking import EquilibriumTracker, Target
+from shell_deform.live.background.tracked_state import Target
+from shell_deform.live.background.tracking import EquilibriumTracker
 from shell_deform.live.background.worker_link import Build, WorkerProcess, empty_request
 from shell_deform.live.pose import IDENTITY
 from shell_deform.live.tick.estimator import Estimator, Settings

@@ -10,7 +10,8 @@ from live_hand import SURE
 
 from shell_deform.live.background.condensed import contact_rows
 from shell_deform.live.background.energy_density import EnergyDensity
-from shell_deform.live.background.tracking import EquilibriumTracker, Target
+from shell_deform.live.background.tracked_state import Target
+from shell_deform.live.background.tracking import EquilibriumTracker
 from shell_deform.live.pose import Pose, rotation_of
 from shell_deform.live.tick.fusion import ErrorModel
 from shell_deform.live.tick.sample import FLAG_CONTACT

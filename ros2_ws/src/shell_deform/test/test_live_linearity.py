@@ -6,7 +6,8 @@ import pytest
 
 from shell_deform.live.background.condensed import contact_rows
 from shell_deform.live.background.small_loads import pair_products, small_loads
-from shell_deform.live.background.tracking import EquilibriumTracker, Target
+from shell_deform.live.background.tracked_state import Target
+from shell_deform.live.background.tracking import EquilibriumTracker
 from shell_deform.live.tick.linearity import linear_error
 
 R, H = 31.25e-3, 2.5e-3

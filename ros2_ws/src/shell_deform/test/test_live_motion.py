@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from shell_deform.live.background.motion import FARTHEST, SLOWEST, Motion
-from shell_deform.live.background.tracking import Target
+from shell_deform.live.background.tracked_state import Target
 
 WALL = 2.5e-3
 

@@ -6,7 +6,8 @@ import pytest
 
 from shell_deform.building import build_model
 from shell_deform.live.background.condensed import contact_rows
-from shell_deform.live.background.tracking import EquilibriumTracker, Target
+from shell_deform.live.background.tracked_state import Target
+from shell_deform.live.background.tracking import EquilibriumTracker
 from shell_deform.objects import load_object
 from shell_deform.solve.equilibrium import displaced
 from shell_deform.solve.newton import EquilibriumSolver

@@ -21,7 +21,7 @@ from shell_deform.assemble import plain
 from shell_deform.assemble.pin_pressures import PressureEquations
 from shell_deform.assemble.shell_points import ShellPoints
 from shell_deform.compiled.cache import HAVE_NUMBA
-from shell_deform.compiled.halves import both
+from shell_deform.compiled.halves import in_halves
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.surface.loop_basis import QuadratureBasis, quadrature_basis
@@ -156,8 +156,7 @@ class Discretisation(ShellPoints):
             )
             kernels.point_energies(*arguments)
 
-        elements, middle = len(self.node_offsets) - 1, self._middle_element
-        both(lambda: part(0, middle), lambda: part(middle, elements))
+        in_halves(part, self._middle_element, len(self.node_offsets) - 1)
         return energies
 
     def tangent(
@@ -200,8 +199,7 @@ class Discretisation(ShellPoints):
 
         Two halves of the points at the same time, on any machine: sums keep their order.
         """
-        elements, middle = len(self.node_offsets) - 1, self._middle_element
-        one, other = both(lambda: part(0, middle), lambda: part(middle, elements))
+        one, other = in_halves(part, self._middle_element, len(self.node_offsets) - 1)
         for mine, more in zip(one[1:], other[1:], strict=True):
             mine += more
         return one[0] + other[0], one[1], one[2]

@@ -39,7 +39,7 @@ from shell_deform.assemble.stamps import (
 )
 from shell_deform.assemble.thick_outer_face import ThickOuterFace
 from shell_deform.compiled.cache import HAVE_NUMBA
-from shell_deform.compiled.halves import both
+from shell_deform.compiled.halves import in_halves
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.frames import lateral_vectors
 from shell_deform.surface.loop_basis import QuadratureBasis, quadrature_basis
@@ -287,9 +287,10 @@ class ThickShell(Discretisation):
             return None
         self._refuse_others(positions)
         positions = np.ascontiguousarray(positions)
-        element, middle = self._pressed_elements, len(pressed.point) // 2
+        element, count = self._pressed_elements, len(pressed.point)
 
-        def part(own: slice) -> tuple[Array, Array] | None:
+        def part(first: int, last: int) -> tuple[Array, Array] | None:
+            own = slice(first, last)
             gaps, reach = np.zeros((pressed.cells, 2)), np.zeros(self._cell_unknowns.shape)
             arguments: Any = (
                 *self.kernel_arguments, positions, pressed.point[own], element[own],
@@ -297,7 +298,7 @@ class ThickShell(Discretisation):
             )  # fmt: skip
             return (gaps, reach) if thick_state_kernels.cell_equations(*arguments) else None
 
-        one, other = both(lambda: part(slice(0, middle)), lambda: part(slice(middle, None)))
+        one, other = in_halves(part, count // 2, count)
         if one is None or other is None:
             return None
         gaps, reach = one[0] + other[0], one[1] + other[1]
@@ -342,17 +343,16 @@ class ThickShell(Discretisation):
         out = np.zeros((len(points), 17))
         element = np.searchsorted(self.point_offsets, points, side='right') - 1
         chosen, positions = np.asarray(points, np.int64), np.ascontiguousarray(positions)
-        middle = len(points) // 2
 
-        def part(own: slice) -> bool:
+        def part(first: int, last: int) -> bool:
+            own = slice(first, last)
             arguments: Any = (
                 *self.kernel_arguments, positions, chosen[own], element[own].astype(np.int64),
                 out[own],
             )  # fmt: skip
             return bool(thick_state_kernels.point_states(*arguments))
 
-        halves = both(lambda: part(slice(0, middle)), lambda: part(slice(middle, None)))
-        return out if all(halves) else None
+        return out if all(in_halves(part, len(points) // 2, len(points))) else None
 
     def _refuse_others(self, positions: Array) -> None:
         """Raise ValueError for unknowns that are not this shell's: kernels would read beyond."""

@@ -39,6 +39,11 @@ def _forget() -> None:
 os.register_at_fork(after_in_child=_forget)
 
 
+def in_halves(part: Callable[[int, int], T], middle: int, count: int) -> tuple[T, T]:
+    """What `part` gives from 0 up to `middle` and from there up to `count`, at the same time."""
+    return both(lambda: part(0, middle), lambda: part(middle, count))
+
+
 def both(first: Callable[[], T], second: Callable[[], T]) -> tuple[T, T]:
     """What both give; `second` runs in the helper. Raises what either raises, `first` before."""
     if _one_core:

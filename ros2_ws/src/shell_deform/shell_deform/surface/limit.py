@@ -101,6 +101,12 @@ class LimitSurface:
         """(n, 3) limit positions of the vertices [m]."""
         return self.limit_matrix @ np.asarray(control_points, dtype=np.float64)
 
+    def limit_fields(self, fields: FloatArray) -> FloatArray:
+        """(n, 3, j) motion of the limit positions for fields (N, j), control points first."""
+        vertices, count = self.mesh.vertex_count, fields.shape[1]
+        limit = self.limit_matrix @ fields[: 3 * vertices].reshape(vertices, 3 * count)
+        return np.ascontiguousarray(limit.reshape(vertices, 3, count))
+
     def control_points(self, limit_positions: npt.ArrayLike) -> FloatArray:
         """(n, 3) control points whose limit positions are the given ones [m]."""
         return self._factor.solve(np.ascontiguousarray(limit_positions, dtype=np.float64))

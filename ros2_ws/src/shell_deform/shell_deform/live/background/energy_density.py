@@ -23,12 +23,12 @@ class EnergyDensity:
     def __init__(self, model: ShellModel) -> None:
         shell = model.shell
         self._model = model
-        shares = sp.diags(shell.weights) @ shell.value_matrix()
+        values = shell.value_matrix()
+        shares = sp.diags(shell.weights) @ values
         self.areas: Array = np.asarray(shares.sum(axis=0)).ravel()
         """(n,) area [m^2] of each basis function; 0 where a vertex carries no surface."""
         scale = np.divide(1.0, self.areas, out=np.zeros(len(self.areas)), where=self.areas > 0.0)
-        means = sp.diags(scale) @ shell.value_matrix().T
-        self._means = means.tocsr()
+        self._means = (sp.diags(scale) @ values.T).tocsr()
 
     def at(self, positions: Array) -> Array:
         """(n,) density [J/m^2] at control positions (n, 3) [m].

@@ -33,8 +33,8 @@ from shell_deform.live.background.fingers import Finger, laid
 from shell_deform.live.background.load_case import Load
 from shell_deform.live.background.rest_shell import RestShell
 from shell_deform.live.background.second_order import Columns, SecondOrder
-from shell_deform.live.background.small_loads import SmallLoads, small_loads
-from shell_deform.live.background.solving import LiveSolver, smallest_stiffness
+from shell_deform.live.background.small_loads import SmallLoads, small_loads, snap_margin
+from shell_deform.live.background.solving import LiveSolver
 from shell_deform.live.background.touch_cells import taxel_rows
 from shell_deform.live.background.tracking import EquilibriumTracker
 from shell_deform.live.exchange import DRIVE_FORCE, MAX_CONTACTS, Slot
@@ -286,10 +286,7 @@ class FingertipSolver:
         self, fingers: tuple[Finger, ...], state: Equilibrium, touched: Touched
     ) -> Columns:
         """The tangent about an answer, on the limit surface."""
-        condensed, size = touched.condensed, len(self.model.rest)
-        j = condensed.fields.shape[1]
-        controls = condensed.fields[: 3 * size].reshape(size, 3 * j)
-        fields = self.model.surface.limit_matrix @ controls
+        condensed = touched.condensed
         across = [
             float(axis @ finger.motion[:3])
             for finger in fingers
@@ -297,7 +294,7 @@ class FingertipSolver:
         ]
         return Columns(
             self.model.surface.limit_positions(state.positions),
-            np.ascontiguousarray(fields.reshape(size, 3, j)),
+            self.model.surface.limit_fields(condensed.fields),
             condensed.displacement,
             state.displacement,
             np.concatenate([state.force, across, touched.rigid, [0.0]]),
@@ -313,10 +310,7 @@ class FingertipSolver:
             model, model.shell.continued(model.shell, unloaded),
             CondensedSystem(factor, tangent, rows), rows,
         )  # fmt: skip
-        size, count = len(model.rest), len(fingers)
-        controls = self._small.fields[: 3 * size].reshape(size, 3 * count)
-        linear = model.surface.limit_matrix @ controls
-        self._linear = np.ascontiguousarray(linear.reshape(size, 3, count))
+        self._linear = model.surface.limit_fields(self._small.fields)
         self._second.forget()
 
     def _learn(
@@ -373,7 +367,7 @@ class FingertipSolver:
                 'generation': self.pins.generation,
                 'share': self.share,
                 'stable': int(held.touched.stable(held.case.driven)),
-                'snap_margin': self._snap_margin(condensed.displacement[:, :count]),
+                'snap_margin': snap_margin(self._small, condensed.displacement[:, :count]),
                 'energy': state.energy,
                 'seconds': self.seconds,
                 'factorisations': state.factorisations,
@@ -416,11 +410,6 @@ class FingertipSolver:
         if slot.outer is not None and slot.outer_slope is not None:
             slot.outer[:] = self._solver.model.shell.outer_face(state.unknowns) - answer.surface
             slot.outer_slope[:] = 0.0
-
-    def _snap_margin(self, compliance: Array) -> float:
-        if self._small is None:
-            return 1.0
-        return smallest_stiffness(compliance) / smallest_stiffness(self._small.compliance)
 
 
 def _far(finger: Finger, touch: Touch) -> bool:

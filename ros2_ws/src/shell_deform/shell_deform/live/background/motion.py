@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.live.background.tracking import Target
+from shell_deform.live.background.tracked_state import Target
 from shell_deform.supports.grips import between
 
 Array = NDArray[np.float64]

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.contact.loads import ContactPatch
-from shell_deform.live.background.tracking import EquilibriumTracker, State
+from shell_deform.live.background.tracked_state import State
+from shell_deform.live.background.tracking import EquilibriumTracker
 
 Array = NDArray[np.float64]
 

@@ -97,3 +97,21 @@ def small_loads(
             loads[:, p] = -0.5 * (bending(fields[:, i] + fields[:, j]) - own[i] - own[j])
     moved, _ = system.solve(loads, np.zeros((rows.constraints.shape[1], len(first))))
     return SmallLoads(system.compliance, rows.measure.T @ moved, fields, moved)
+
+
+def snap_margin(small: SmallLoads | None, compliance: Array) -> float:
+    """Smallest contact stiffness over that of the unloaded shell; 0 where it snaps.
+
+    `compliance` (k, k) of the contacts now [m/N]; 1 where there are none, or rest is not known.
+    """
+    if small is None or not len(compliance):
+        return 1.0
+    return _smallest_stiffness(compliance) / _smallest_stiffness(small.compliance)
+
+
+def _smallest_stiffness(compliance: Array) -> float:
+    """Stiffness [N/m] along the softest combination of contacts; negative beyond a limit point."""
+    values = np.linalg.eigvalsh(0.5 * (compliance + compliance.T))
+    if values[0] < 0:
+        return 1.0 / float(values[0])
+    return 1.0 / float(values[-1])

@@ -26,8 +26,9 @@ from shell_deform.live.background.outer_field import OuterField, unmodelled
 from shell_deform.live.background.placement import Placement, place
 from shell_deform.live.background.rest_shell import RestShell, largest_curl
 from shell_deform.live.background.second_order import Columns, SecondOrder
-from shell_deform.live.background.small_loads import SmallLoads, small_loads
-from shell_deform.live.background.tracking import EquilibriumTracker, Target, TrackingOptions
+from shell_deform.live.background.small_loads import SmallLoads, small_loads, snap_margin
+from shell_deform.live.background.tracked_state import Target
+from shell_deform.live.background.tracking import EquilibriumTracker, TrackingOptions
 from shell_deform.live.exchange import DRIVE_FORCE, MAX_CONTACTS, MAX_RIGID, Slot
 from shell_deform.live.grip_motion import AFFINE
 from shell_deform.live.pose import IDENTITY, Pose
@@ -251,7 +252,7 @@ class LiveSolver:
         self._condensed_at = tracker.state.moved
         self._columns = Columns(
             self.model.surface.limit_positions(tracker.positions),
-            self._to_limit(self._condensed.fields),
+            self.model.surface.limit_fields(self._condensed.fields),
             self._condensed.displacement,
             self._displacements(),
             self._inputs(),
@@ -273,7 +274,7 @@ class LiveSolver:
 
     def _take_grip_columns(self, gripping: Gripping) -> None:
         columns = self.tracker.system().grip_columns(self.tracker.model)
-        gripping.take_columns(self._to_limit(columns.fields), columns)
+        gripping.take_columns(self.model.surface.limit_fields(columns.fields), columns)
 
     def fill(self, slot: Slot) -> None:
         """Write the present result."""
@@ -287,9 +288,10 @@ class LiveSolver:
         here = tracker.here(np.zeros(k, bool))
         system = tracker.system()
         placement = self._placement
-        point, normal = self._feet.at(tracker.positions)
-        note = placement.open_directions if placement is not None and not self.message else ''
         positions = tracker.positions
+        point, normal = self._feet.at(positions)
+        note = placement.open_directions if placement is not None and not self.message else ''
+        surface = self.model.surface.limit_positions(positions)
         contacts = self.contacts.contacts
         answer = Answer(
             numbers={
@@ -297,7 +299,7 @@ class LiveSolver:
                 'generation': self.generation,
                 'share': self.share,
                 'stable': int(system.negative_modes_driven(self._driven(self._load)) == 0),
-                'snap_margin': self._snap_margin(system.compliance),
+                'snap_margin': snap_margin(self._small, system.compliance),
                 'energy': tracker.state.energy,
                 'seconds': self.seconds,
                 'factorisations': tracker.factorisations,
@@ -319,7 +321,7 @@ class LiveSolver:
                 'reaction': -tracker.state.multipliers[rows.lateral_columns],
                 'rigid_reaction': -tracker.state.multipliers[HELD_ROWS * k :],
                 'spin': self._spins(),
-                'carried': self._carried().numbers,
+                'carried': self._carried(surface).numbers,
                 'pose': self._pose_in_use.numbers,
                 'pose_covariance': np.zeros((6, 6)) if placement is None else placement.covariance,
             },
@@ -330,7 +332,7 @@ class LiveSolver:
             small=self._small,
             linear=self._linear_columns,
             message=self.message or note,
-            surface=self.model.surface.limit_positions(positions),
+            surface=surface,
             normals=self.model.surface.vertex_normals(positions),
             energy_density=self._energy_density.at(positions),
         )
@@ -343,15 +345,6 @@ class LiveSolver:
                 self.unloaded_surface, self._wall, self.contacts.patches, here.displacement
             )
             slot.outer[:], slot.outer_slope[:] = self._face.offset(), self._face.slope
-
-    def _fill_place(self, record: np.void) -> None:
-        """Write where the object lies, and what there is to say."""
-        placement = self._placement
-        record['carried'] = self._carried().numbers
-        record['pose'] = self._pose_in_use.numbers
-        record['pose_covariance'] = placement.covariance if placement is not None else 0.0
-        note = placement.open_directions if placement is not None and not self.message else ''
-        record['message'] = (self.message or note).encode()[:200]
 
     def _rows(self) -> ContactRows:
         assert self.tracker.rows is not None
@@ -420,7 +413,7 @@ class LiveSolver:
             system = self.tracker.rest_system(self._unloaded, rows)
             unloaded = self.tracker.unloaded(self._unloaded)
             self._small = small_loads(self.tracker.model, unloaded, system, rows)
-            self._linear_columns = self._to_limit(self._small.fields)
+            self._linear_columns = self.model.surface.limit_fields(self._small.fields)
             self._bend_from_rest(self._small)
         else:
             self._linear_columns = np.zeros((self._size, 3, 0))
@@ -478,36 +471,14 @@ class LiveSolver:
         count = len(small.compliance)
         direction = np.full(count, 1.0 / np.sqrt(count))
         bend, push = small.bend(direction, self._driven(self._load))
-        field = self._to_limit(bend[:, None])[:, :, 0]
+        field = self.model.surface.limit_fields(bend[:, None])[:, :, 0]
         self._second.from_rest(field, push, direction, self._nearly_at_rest())
 
-    def _to_limit(self, fields: Array) -> Array:
-        """Motion of the limit positions (n, 3, j) for fields (N, j) of all unknowns."""
-        count = fields.shape[1]
-        controls = fields[: 3 * self._size].reshape(self._size, 3 * count)
-        limit = self.model.surface.limit_matrix @ controls
-        return np.ascontiguousarray(limit.reshape(self._size, 3, count))
-
-    def _carried(self) -> Pose:
-        """Rigid motion of an object that only fingers hold, since it was unloaded."""
+    def _carried(self, surface: Array) -> Pose:
+        """Rigid motion to `surface` (n, 3) of an object that only fingers hold."""
         if self.model.free_modes.shape[1] < MAX_RIGID or not self.contacts.contacts:
             return IDENTITY
-        surface = self.model.surface.limit_positions(self.tracker.positions)
         return carried(self.unloaded_surface, surface, self._energy_density.areas)
-
-    def _snap_margin(self, compliance: Array) -> float:
-        """Smallest contact stiffness over that of the unloaded shell; 0 where it snaps."""
-        if self._small is None or not len(compliance):
-            return 1.0
-        return smallest_stiffness(compliance) / smallest_stiffness(self._small.compliance)
-
-
-def smallest_stiffness(compliance: Array) -> float:
-    """Stiffness [N/m] along the softest combination of contacts; negative beyond a limit point."""
-    values = np.linalg.eigvalsh(0.5 * (compliance + compliance.T))
-    if values[0] < 0:
-        return 1.0 / float(values[0])
-    return 1.0 / float(values[-1])
 
 
 def _fill_grips(slot: Slot, gripping: Gripping, motions: Array, rows: ContactRows) -> None:

@@ -10,7 +10,7 @@ a part of it is reached.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +23,12 @@ from shell_deform.live.background.condensed import (
     SprungFactor,
     factorise_sprung,
 )
+from shell_deform.live.background.tracked_state import State, Target
 from shell_deform.model import ShellModel, Tangent
 from shell_deform.solve.equilibrium import PathState
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.solve.prediction import predicted
-from shell_deform.supports.grips import between, carried_as_one, longest_share
+from shell_deform.supports.grips import carried_as_one, longest_share
 
 Array = NDArray[np.float64]
 
@@ -43,52 +44,6 @@ are off by some percent."""
 
 BALANCED = 1e-12
 """Unbalanced force, over that of the shell, which is round-off."""
-
-
-def _no_grips() -> Array:
-    return np.zeros((0, 6))
-
-
-@dataclass(frozen=True)
-class Target:
-    """What is prescribed at the k contacts, the r free rigid motions and the g grips.
-
-    Attributes:
-        force: (k,) push [N], read where the contact is not driven.
-        displacement: (k,) centre displacement [m], read where it is driven.
-        driven: (k,) whether the displacement is prescribed.
-        rigid: (r,) amplitudes of the free rigid motions.
-        held: (3 k,) lateral motions and spin at which the patches are held.
-        grips: (g, 6) motions of the grips: shift [m], turn [rad].
-    """
-
-    force: Array
-    displacement: Array
-    driven: NDArray[np.bool_]
-    rigid: Array
-    held: Array
-    grips: Array = field(default_factory=_no_grips)
-
-
-@dataclass(frozen=True)
-class State:
-    """An equilibrium of the shell.
-
-    Attributes:
-        moved: (N,) displacement of the control points. force: (k,) pushes [N].
-        multipliers: (3 k + r,) of the constraints. energy: [J]. gradient: (N,) its derivative [N],
-            at these pressures under the pins of a thick wall. missing: (c,) gaps [m^3] under them.
-        residual: unbalanced force relative to the loads. grips: (g, 6) motions of the grips.
-    """
-
-    moved: Array
-    force: Array
-    multipliers: Array
-    energy: float
-    gradient: Array
-    missing: Array
-    residual: float
-    grips: Array = field(default_factory=_no_grips)
 
 
 @dataclass(frozen=True)
@@ -337,7 +292,7 @@ class EquilibriumTracker:
         size = float(np.abs(moved).max(initial=0.0))
         if not size > reach:
             return target, 1.0
-        return _between(start, target, reach / size), reach / size
+        return start.towards(target, reach / size), reach / size
 
     def advance(self, target: Target) -> float:
         """Go towards `target` by as few steps as converge; returns the share that was reached.
@@ -355,7 +310,7 @@ class EquilibriumTracker:
         while reached < 1.0:
             step = min(step, longest)
             trial = min(1.0, reached + step)
-            goal = _between(start, target, trial)
+            goal = start.towards(target, trial)
             self._path = (*self._path, self._passed(target.driven))[-PATH:]
             found = self._iterate(goal, (1.0 - trial) * loose)
             if found is not None:
@@ -526,17 +481,3 @@ class EquilibriumTracker:
                 before = np.inf
         self.message = 'the iterations did not converge'
         return None
-
-
-def _between(start: Target, end: Target, share: float) -> Target:
-    """Targets in proportion between two."""
-    return Target(
-        start.force + share * (end.force - start.force),
-        start.displacement + share * (end.displacement - start.displacement),
-        end.driven,
-        start.rigid + share * (end.rigid - start.rigid),
-        end.held
-        if len(start.held) != len(end.held)
-        else start.held + share * (end.held - start.held),
-        between(start.grips, end.grips, share) if len(end.grips) else end.grips,
-    )

@@ -75,14 +75,12 @@ class FirstTouch:
         shell, contacts = self._shell, self._contacts.contacts
         rows = contact_rows(shell.model, self._contacts.patches)
         system = CondensedSystem(shell.factor, shell.tangent, rows)
-        count, k = len(shell.model.rest), len(contacts)
-        fields = system.push_fields.reshape(count, 3 * k)
-        columns = shell.model.surface.limit_matrix @ fields
+        k = len(contacts)
         return AtRest(
             fingers=np.array([contact.finger for contact in contacts], np.int64),
             compliance=system.compliance,
             second_order=bent(system.compliance, shell.curl),
-            columns=np.ascontiguousarray(columns.reshape(count, 3, k)),
+            columns=shell.model.surface.limit_fields(system.push_fields),
             lateral=np.array([axis for c in contacts for axis in c.patch.lateral]).reshape(-1, 3),
             travel_offset=np.zeros(k),
             coarseness=np.array([contact.coarseness for contact in contacts]),

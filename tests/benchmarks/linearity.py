@@ -91,13 +91,13 @@ def measure(numbers: dict, vertices: int) -> list[dict[str, float]]:
     )
     tracker = EquilibriumTracker(model)
     tracker.set_contacts(contact_rows(model, ()), np.zeros(0))
-    tracker.advance(tracker.here(np.zeros(0, bool)))
+    tracker.advance(tracker.present(np.zeros(0, bool)))
     unloaded, base = tracker.positions, tracker.state.moved
     rows = contact_rows(model, tuple(model.contact(p, numbers['pin']) for p in points))
     system = tracker.rest_system(unloaded, rows)
     small = small_loads(model, unloaded, system, rows)
     tracker.set_contacts(rows, np.zeros(2))
-    start = tracker.here(np.ones(2, bool))
+    start = tracker.present(np.ones(2, bool))
     found = []
     for depth in sorted(numbers['depths']):
         wanted = start.displacement + depth * shell.thickness_m

@@ -69,7 +69,7 @@ class Truth:
         self.surfaces = np.zeros((len(self.depths), len(model.rest), 3))
         self.surfaces[0] = model.surface.limit_positions(model.rest)
         for i, depth in enumerate(self.depths[1:], start=1):
-            here = tracker.here(np.ones(2, bool))
+            here = tracker.present(np.ones(2, bool))
             target = Target(here.force, np.full(2, depth), here.driven, here.rigid, here.held)
             if tracker.advance(target) < 1.0:
                 raise RuntimeError(f'no equilibrium at {depth} m: {tracker.message}')

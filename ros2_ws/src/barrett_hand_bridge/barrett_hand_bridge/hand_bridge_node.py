@@ -228,7 +228,7 @@ class HandBridge(LifecycleNode):
             if isinstance(event, Observed):
                 self._on_observed(event)
             elif isinstance(event, Late):
-                self._health.lates += 1
+                self._health.late_cycles += 1
                 self._on_stale()
             elif isinstance(event, Connected):
                 self._on_connected(event)

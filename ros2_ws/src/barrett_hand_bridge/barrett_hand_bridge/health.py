@@ -60,7 +60,7 @@ class Health:
     reason: str = ''
     last_motion: str = ''
     losses: int = 0
-    lates: int = 0
+    late_cycles: int = 0
     disturbances: int = 0
     guard_restarts: int = 0
     hottest_c: float = math.inf
@@ -68,7 +68,7 @@ class Health:
     calibration: HandCalibration | None = None
     rate: Rate = field(default_factory=Rate)
     delays: Delays = field(default_factory=Delays)
-    reliefs: dict[int, int] = field(default_factory=lambda: dict.fromkeys(FINGERS, 0))
+    relief_counts: dict[int, int] = field(default_factory=lambda: dict.fromkeys(FINGERS, 0))
     _last_s: float = -math.inf
     _relieving: tuple[bool, bool, bool] = (False, False, False)
     _relieved_s: dict[int, float] = field(default_factory=dict)
@@ -80,7 +80,7 @@ class Health:
         for index, finger in enumerate(FINGERS):
             if sample.relieving[index]:
                 self._relieved_s[finger] = time_s
-                self.reliefs[finger] += not self._relieving[index]
+                self.relief_counts[finger] += not self._relieving[index]
         self._relieving = sample.relieving
 
     def judge(
@@ -126,7 +126,7 @@ class Health:
             'cycle to published, median (ms)': f'{1e3 * self.delays.percentile(50):.2f}',
             'cycle to published, p99 (ms)': f'{1e3 * self.delays.percentile(99):.2f}',
             'losses of the link': str(self.losses),
-            'late cycles': str(self.lates),
+            'late cycles': str(self.late_cycles),
             'resynchronisations': str(self.disturbances),
         }
         values['stop guard restarted (times)'] = str(self.guard_restarts)
@@ -146,7 +146,7 @@ class Health:
         if sample is not None and sample.temperature_c is not None:
             values['temperature (degrees Celsius)'] = f'{sample.temperature_c:.1f}'
             values['holding ends at (degrees Celsius)'] = f'{self.hottest_c:g}'
-        for finger, times in self.reliefs.items():
+        for finger, times in self.relief_counts.items():
             if times:
                 values[f'finger {finger} gave way by itself (times)'] = str(times)
         if sample is not None:

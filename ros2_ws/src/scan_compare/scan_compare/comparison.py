@@ -82,7 +82,7 @@ class Comparison:
     dent_max_error_m: float | None
     outside_max_error_m: float | None
     outliers: int
-    beside: int
+    beyond_edge: int
     notes: tuple[str, ...]
 
     @property
@@ -159,7 +159,7 @@ class Comparison:
             'points': int(len(self.points)),
             'points_used': int(np.count_nonzero(self.used)),
             'points_outlying': self.outliers,
-            'points_beside': self.beside,
+            'points_beside': self.beyond_edge,
             'registration': registration_json(self.registration),
             'undeformed_registration': (
                 None
@@ -222,7 +222,7 @@ def compare(
     distances = measure(surface, points)
     limit = OUTLIER_SHARE * surface.extent if setup.outlier_m is None else setup.outlier_m
     outlying = np.abs(distances.distance) > limit
-    used = ~outlying & ~distances.beside
+    used = ~outlying & ~distances.beyond_edge
     if not used.any():
         raise ComparisonError(
             f'{scan.source}: no scan point lies within {1e3 * limit:.3g} mm of the surface; '
@@ -272,7 +272,7 @@ def compare(
         dent_max_error_m=means.largest(means.quotable & disc_in_dent),
         outside_max_error_m=means.largest(means.quotable & ~disc_in_dent),
         outliers=int(np.count_nonzero(outlying)),
-        beside=int(np.count_nonzero(distances.beside & ~outlying)),
+        beyond_edge=int(np.count_nonzero(distances.beyond_edge & ~outlying)),
         notes=_notes(scan, found, summaries['outside'], floor, merged, largest),
     )
 
@@ -343,7 +343,7 @@ def _merging_sigma(
 def _at_rest(surface: DeformedSurface, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return feet (k, 3) and distances (k,) [m] of an undeformed scan, some of its points."""
     distances = measure(surface.at_rest(), points[thin(len(points), SAMPLE)])
-    on_surface = ~distances.beside
+    on_surface = ~distances.beyond_edge
     return distances.foot[on_surface], distances.distance[on_surface]
 
 

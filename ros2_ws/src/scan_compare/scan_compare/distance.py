@@ -16,9 +16,9 @@ class Distances:
     """Feet of scan points on the outer face.
 
     triangle (n,), parameters (n, 2): where the foot lies; foot, normal (n, 3) [m]; distance (n,)
-    signed, positive outside [m]; beside (n,): the point lies beyond the edge of an open surface,
-    its distance is not one along the normal; displacement (n,): of the limit surface at the
-    foot [m], interpolated between the control vertices.
+    signed, positive outside [m]; beyond_edge (n,): the point lies beyond the edge of an open
+    surface, its distance is not one along the normal; displacement (n,): of the limit surface
+    at the foot [m], interpolated between the control vertices.
     """
 
     triangle: np.ndarray
@@ -26,7 +26,7 @@ class Distances:
     foot: np.ndarray
     normal: np.ndarray
     distance: np.ndarray
-    beside: np.ndarray
+    beyond_edge: np.ndarray
     displacement: np.ndarray
 
 

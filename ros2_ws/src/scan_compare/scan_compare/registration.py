@@ -30,7 +30,7 @@ from scan_compare.pose_search import search_pose
 from scan_compare.rigid import IDENTITY, Pose, nearest_rotation, rotation_from_vector
 from scan_compare.robust import (
     RobustWeights,
-    beside,
+    partialled_out,
     robust_weights,
     weight_beside_depth,
 )
@@ -236,7 +236,7 @@ def _equations(
     seeds: tuple[np.ndarray, np.ndarray] | None,
 ) -> _Fit:
     distances = measure(surface, pose.apply(points), seeds)
-    on_surface = ~distances.beside
+    on_surface = ~distances.beyond_edge
     in_dent = distances.displacement > surface.dent_threshold
     rigid = usable & on_surface & ~in_dent
     if np.count_nonzero(rigid) < 20:
@@ -275,7 +275,7 @@ def _solve(fit: _Fit, sigma: float) -> _Step:
     columns = fit.depth[:, None]
     if offset_free:
         columns = np.column_stack((np.ones(len(distance)), fit.depth))
-    rows = beside(fit.rows @ weak, columns, fit.all_weight)
+    rows = partialled_out(fit.rows @ weak, columns, fit.all_weight)
     moved = distance + fit.rows @ motion
     weak_values, weak_vectors = np.linalg.eigh(information(rows, fit.all_weight))
     spread = sigma / np.sqrt(np.maximum(weak_values, 1e-300) * fit.all_weight.sum())
@@ -296,7 +296,7 @@ def _strong_rows(fit: _Fit, strong: np.ndarray) -> tuple[np.ndarray, bool]:
     the shift is fitted.
     """
     rows = fit.rows @ strong
-    free = beside(rows, np.ones((len(rows), 1)), fit.rigid_weight)
+    free = partialled_out(rows, np.ones((len(rows), 1)), fit.rigid_weight)
     least = np.linalg.eigvalsh(information(free, fit.rigid_weight))
     usual = np.linalg.eigvalsh(information(rows, fit.rigid_weight))
     if strong.shape[1] and least[0] >= OFFSET_SENSITIVITY**2 * usual[0]:

@@ -93,7 +93,7 @@ def weight_beside_depth(distance: np.ndarray, depth: np.ndarray, sigma: float) -
     return weight
 
 
-def beside(rows: np.ndarray, columns: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def partialled_out(rows: np.ndarray, columns: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Remove from `rows` (n, k) what `columns` (n, m) explain as well, in the weighted sense.
 
     The solution then leaves a free factor on each column: of the dents' depth, of a uniform

@@ -36,12 +36,12 @@ def test_distances_are_signed_and_count_from_the_outer_face() -> None:
     heights = np.linspace(-2e-3, 2e-3, 500)
     found = measure(ball(), directions * (OUTER_RADIUS + heights)[:, None])
     assert found.distance == pytest.approx(heights, abs=5e-6)
-    assert not found.beside.any()
+    assert not found.beyond_edge.any()
 
 
 def test_points_beyond_the_edge_of_an_open_shell_are_beside_it() -> None:
     found = measure(half_can(), np.array([[0.0, 0.033, 0.06], [0.0, 0.033, 0.0]]))
-    assert found.beside.tolist() == [True, False]
+    assert found.beyond_edge.tolist() == [True, False]
 
 
 def test_control_vertices_beyond_an_edge_are_no_surface() -> None:
@@ -50,7 +50,7 @@ def test_control_vertices_beyond_an_edge_are_no_surface() -> None:
     end = can.samples.position[:, 2].max()
     assert end == pytest.approx(0.06, abs=1e-3)
     found = measure(can, np.array([[0.0, 0.033, end + 5e-3], [0.0, 0.033, end - 5e-3]]))
-    assert found.beside.tolist() == [True, False]
+    assert found.beyond_edge.tolist() == [True, False]
     assert can.max_displacement == 0.0
 
 

@@ -37,7 +37,7 @@ class Truth:
 
     def at(self, depth):
         """Push per finger [N] and limit surface (n, 3) at a depth [m]."""
-        here = self.tracker.here(np.ones(2, bool))
+        here = self.tracker.present(np.ones(2, bool))
         target = Target(here.force, np.full(2, depth), here.driven, here.rigid, here.held)
         assert self.tracker.advance(target) == 1.0
         self.tracker.condense()

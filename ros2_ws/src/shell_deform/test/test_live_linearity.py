@@ -23,7 +23,7 @@ def squeezed(sphere):
     tracker.set_contacts(rows, np.zeros(2))
 
     def at(walls):
-        here = tracker.here(np.ones(2, bool))
+        here = tracker.present(np.ones(2, bool))
         target = Target(here.force, np.full(2, walls * H), here.driven, here.rigid, here.held)
         assert tracker.advance(target) == 1.0
         force, depth = tracker.state.force, np.full(2, walls * H)

@@ -34,12 +34,12 @@ def tracker(model, patches):
 
 
 def driven_to(tracker, displacement):
-    here = tracker.here(np.ones(2, bool))
+    here = tracker.present(np.ones(2, bool))
     return Target(here.force, np.asarray(displacement, float), here.driven, here.rigid, here.held)
 
 
 def forced_to(tracker, force):
-    here = tracker.here(np.zeros(2, bool))
+    here = tracker.present(np.zeros(2, bool))
     return Target(np.asarray(force, float), here.displacement, here.driven, here.rigid, here.held)
 
 
@@ -60,7 +60,7 @@ def test_a_small_step_costs_no_new_tangent(tracker):
 
 def test_a_jump_of_four_walls_is_carried(tracker):
     assert tracker.advance(driven_to(tracker, [10e-3, 10e-3])) == 1.0
-    assert tracker.here(np.ones(2, bool)).displacement == pytest.approx([10e-3, 10e-3])
+    assert tracker.present(np.ones(2, bool)).displacement == pytest.approx([10e-3, 10e-3])
 
 
 def test_an_impossible_load_leaves_an_equilibrium_on_the_way_and_says_why(tracker):
@@ -122,5 +122,5 @@ def test_a_supported_shell_without_contacts_has_columns_too(capfd):
 def test_a_body_without_contacts_stays_at_rest(model):
     tracker = EquilibriumTracker(model)
     tracker.set_contacts(contact_rows(model, ()), np.zeros(0))
-    assert tracker.advance(tracker.here(np.zeros(0, bool))) == 1.0
+    assert tracker.advance(tracker.present(np.zeros(0, bool))) == 1.0
     assert np.abs(tracker.state.moved).max() < 1e-12

@@ -91,7 +91,7 @@ def test_tube_turned_far_keeps_its_section_but_linear_theory_swells_it(turn):
 
 def test_pulled_cylinder_misses_only_the_shear_dent_under_the_force():
     curve = sze.pullout((24, 18))
-    assert all(row.passed for row in curve.rows(sze.SNAP, informs='W_A'))
+    assert all(row.passed for row in curve.rows(sze.SNAP, unscored_column='W_A'))
     load = curve.fraction
     stiffened = load >= 0.6
     missing = (curve.published[:, 0] - curve.ours[:, 0])[stiffened]

@@ -190,8 +190,8 @@ def read_response(
         solver = EquilibriumSolver(model)
     count = len(patches)
     centre, loads = body_loads(body_mass(model), state.positions)
-    edge = borders(model, displaced(patches, np.zeros(count)))
-    system = solver.system(model.tangent(state.unknowns), edge)
+    bordering = borders(model, displaced(patches, np.zeros(count)))
+    system = solver.system(model.tangent(state.unknowns), bordering)
     # A thick wall has more unknowns than its control points.
     padded = np.concatenate([loads, np.zeros((model.start.size - len(loads), 6))])
     motion, border = system.solve(padded)

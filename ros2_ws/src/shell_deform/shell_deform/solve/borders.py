@@ -56,12 +56,12 @@ class Borders:
         """(N, d) patterns of the forces that are unknowns."""
         return self.push[:, self.driven]
 
-    def started(self, here: Equilibrium) -> Borders:
+    def started(self, present: Equilibrium) -> Borders:
         """The same, its bodies remembering the state from which a step starts."""
         if self.field is None:
             return self
-        still = np.zeros((len(here.force), 6)) if here.motion is None else here.motion
-        field = self.field.started(here.memory, here.unknowns, here.displacement, still)
+        still = np.zeros((len(present.force), 6)) if present.motion is None else present.motion
+        field = self.field.started(present.memory, present.unknowns, present.displacement, still)
         return replace(self, field=field)
 
 
@@ -161,7 +161,7 @@ def _padded(row: Array, count: int) -> Array:
 def bordered(
     model: ShellModel,
     tangent: Tangent,
-    edge: Borders,
+    bordering: Borders,
     factorise: Callable[[sp.csr_matrix], Factor],
 ) -> BorderedFactor:
     """The system of a tangent: stiffness, and as borders unknown pushes and what is held.
@@ -179,18 +179,18 @@ def bordered(
         matrix.data[diagonal_entry(matrix, int(dof))] += stiff
     pins = np.zeros((len(tangent.gradient), len(springs)))
     pins[springs, np.arange(len(springs))] = 1.0
-    updates = [pins, tangent.gas_row[:, None], edge.loose, model.floated]
+    updates = [pins, tangent.gas_row[:, None], bordering.loose, model.floated]
     strengths = [
         np.full(len(springs), -stiff),
         np.array([tangent.gas_stiffness]),
-        np.full(edge.loose.shape[1], LOOSE_STIFFNESS * stiff),
+        np.full(bordering.loose.shape[1], LOOSE_STIFFNESS * stiff),
         np.full(model.floated.shape[1], -1.0),
     ]
     if tangent.pad_rows is not None and tangent.pad_corner is not None:
         updates.append(tangent.pad_rows)
         strengths.append(-1.0 / tangent.pad_corner)
-    columns = np.concatenate([-edge.unknown_pushes, edge.held], axis=1)
-    rows = np.concatenate([edge.measure[:, edge.driven], edge.held], axis=1)
+    columns = np.concatenate([-bordering.unknown_pushes, bordering.held], axis=1)
+    rows = np.concatenate([bordering.measure[:, bordering.driven], bordering.held], axis=1)
     return BorderedFactor(
         factorise(matrix),
         columns,
@@ -200,9 +200,9 @@ def bordered(
     )
 
 
-def negative_directions(system: BorderedFactor, edge: Borders) -> int:
+def negative_directions(system: BorderedFactor, bordering: Borders) -> int:
     """Negative directions of a factorised system with symmetric borders."""
-    return system.inertia.negative - int(edge.driven.sum()) - edge.held.shape[1]
+    return system.inertia.negative - int(bordering.driven.sum()) - bordering.held.shape[1]
 
 
 def _independent(rows: Array) -> Array:

@@ -62,13 +62,13 @@ def minimise(
     if np.any(case.driven) or not np.any(case.force):
         raise LoadCaseError('conjugate gradients need forces: prescribe force, not displacement')
     case.refuse_pads('the conjugate-gradient minimiser')
-    edge = borders(model, case)
-    rows = edge.held
+    bordering = borders(model, case)
+    rows = bordering.held
     if model.held is not None:
         rows = np.concatenate([rows, model.held.dense(len(model.rest))], axis=1)
         model = model.with_theory(model.theory, supports=None, grips=())
     basis = la.orth(rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300), rcond=1e-9)
-    load = edge.push @ case.force + edge.dead
+    load = bordering.push @ case.force + bordering.dead
     wall = float(model.shell.thickness.max())
     scale = float(np.linalg.norm(load))
 
@@ -106,7 +106,7 @@ def minimise(
         converged=residual <= 10.0 * tolerance,
         message=str(found.message),
         positions=model.rest + moved.reshape(-1, 3),
-        displacement=edge.measure.T @ moved,
+        displacement=bordering.measure.T @ moved,
         energy=energy,
         residual=residual,
         iterations=int(found.nit),

@@ -41,50 +41,50 @@ class ContactStep:
     """One load step from a state; `run` takes it."""
 
     def __init__(
-        self, solver: StepSolver, edge: Borders, field: ContactField, loads: StepLoads
+        self, solver: StepSolver, bordering: Borders, field: ContactField, loads: StepLoads
     ) -> None:
-        self._solver, self._edge, self._field, self._loads = solver, edge, field, loads
+        self._solver, self._bordering, self._field, self._loads = solver, bordering, field, loads
         self._model, self._options = solver.model, solver.options
         self._wall = float(self._model.shell.thickness.max())
         self._iterations = self._factorisations = 0
         self._border = np.zeros(0)
-        driven = edge.driven
-        self._fixed_push = edge.push[:, ~driven] @ loads.force[~driven] + loads.dead
+        driven = bordering.driven
+        self._fixed_push = bordering.push[:, ~driven] @ loads.force[~driven] + loads.dead
 
-    def run(self, here: Equilibrium, guess: Array | None = None) -> Equilibrium:
-        """The state under the loads, or `here`, not converged, with the reason."""
-        positions = here.unknowns if guess is None else guess
+    def run(self, present: Equilibrium, guess: Array | None = None) -> Equilibrium:
+        """The state under the loads, or `present`, not converged, with the reason."""
+        positions = present.unknowns if guess is None else guess
         self._free = (positions - self._model.start).reshape(-1)
-        depth = self._field.start(self._loads.moved, here.displacement)
+        depth = self._field.start(self._loads.moved, present.displacement)
         press = self._press(depth)
-        if guess is None and self._carried(here, press):
-            return replace(here, iterations=0, factorisations=0)
+        if guess is None and self._carried(present, press):
+            return replace(present, iterations=0, factorisations=0)
         message = self._iterate(press)
         if not message:
             return self._state()
         return replace(
-            here,
+            present,
             converged=False,
             message=message,
             iterations=self._iterations,
             factorisations=self._factorisations,
         )
 
-    def _carried(self, here: Equilibrium, press: Press) -> bool:
+    def _carried(self, present: Equilibrium, press: Press) -> bool:
         """Whether the state is in equilibrium as it is: held loads move nothing, ever."""
-        edge, loads, rigid = self._edge, self._loads, self._field.contacts
-        self._border = np.concatenate([here.force[edge.driven], here.multipliers])
-        lacking = (loads.moved - edge.measure.T @ self._free)[edge.driven]
+        bordering, loads, rigid = self._bordering, self._loads, self._field.contacts
+        self._border = np.concatenate([present.force[bordering.driven], present.multipliers])
+        lacking = (loads.moved - bordering.measure.T @ self._free)[bordering.driven]
         if (
-            not here.converged
-            or here.motion is None
-            or not np.array_equal(press.depth[rigid], here.displacement[rigid])
-            or not np.array_equal(loads.motion, here.motion)
+            not present.converged
+            or present.motion is None
+            or not np.array_equal(press.depth[rigid], present.displacement[rigid])
+            or not np.array_equal(loads.motion, present.motion)
             or np.abs(lacking).max(initial=0.0) > self._options.settled_move * self._wall
         ):
             return False
         # A state taken as settled was so with the residual that it had then.
-        within = max(self._options.tolerance, (1.0 + 1e-3) * here.residual)
+        within = max(self._options.tolerance, (1.0 + 1e-3) * present.residual)
         return self._residual(press)[0] < within + self._noise
 
     def _press(self, depth: Array) -> Press:
@@ -110,7 +110,7 @@ class ContactStep:
                 gradient, pressed = tangent.gradient, press
                 self._factorisations += 1
                 try:
-                    system = self._solver.system(tangent, self._edge)
+                    system = self._solver.system(tangent, self._bordering)
                 except FactorError as error:
                     return str(error)
             step, why = self._solved(system, gradient, pressed, press)
@@ -144,9 +144,9 @@ class ContactStep:
         self, system: BorderedFactor, gradient: Array, pressed: Press, press: Press
     ) -> tuple[Array, str]:
         """Take one iteration: the step (N,), and why it cannot be taken, or nothing."""
-        edge = self._edge
-        lacking = (self._loads.moved - edge.measure.T @ self._free)[edge.driven]
-        below = np.concatenate([lacking, -edge.held.T @ self._free])
+        bordering = self._bordering
+        lacking = (self._loads.moved - bordering.measure.T @ self._free)[bordering.driven]
+        below = np.concatenate([lacking, -bordering.held.T @ self._free])
         unbalanced = self._fixed_push - gradient - pressed.eliminated(press)
         step, self._border = system.solve(unbalanced, below, refinements=1)
         self._iterations += 1
@@ -187,14 +187,14 @@ class ContactStep:
 
     def _residual(self, press: Press) -> tuple[float, Array]:
         """Unbalanced force over the loads, and the gradient (N,) it comes from."""
-        edge, loads = self._edge, self._loads
+        bordering, loads = self._bordering, self._loads
         moved = self._free.reshape(-1, 3)
         self._energy, gradient = self._model.gradient(self._positions, loads.target, moved)
         gradient = gradient + press.gradient.reshape(-1)
-        self._pushes = np.where(edge.driven, 0.0, loads.force)
-        self._pushes[edge.driven] = self._border[: int(edge.driven.sum())]
-        held = edge.held @ self._border[int(edge.driven.sum()) :]
-        carried = edge.push @ self._pushes + loads.dead
+        self._pushes = np.where(bordering.driven, 0.0, loads.force)
+        self._pushes[bordering.driven] = self._border[: int(bordering.driven.sum())]
+        held = bordering.held @ self._border[int(bordering.driven.sum()) :]
+        carried = bordering.push @ self._pushes + loads.dead
         noise = self._solver.noise_force(self._free)
         scale = max(
             float(np.linalg.norm(carried)),
@@ -209,8 +209,8 @@ class ContactStep:
         return self._last, gradient
 
     def _state(self) -> Equilibrium:
-        edge, press, count = self._edge, self._final, len(self._model.rest)
-        force, depth = self._pushes.copy(), edge.measure.T @ self._free
+        bordering, press, count = self._bordering, self._final, len(self._model.rest)
+        force, depth = self._pushes.copy(), bordering.measure.T @ self._free
         contacts = self._field.contacts
         force[contacts], depth[contacts] = press.force[contacts], press.depth[contacts]
         return Equilibrium(
@@ -220,7 +220,7 @@ class ContactStep:
             wall=self._positions[count:],
             force=force,
             displacement=depth,
-            multipliers=self._border[int(edge.driven.sum()) :],
+            multipliers=self._border[int(bordering.driven.sum()) :],
             unbalance=np.zeros(6),
             energy=self._energy,
             gas_pressure=self._solver.gas_pressure(self._positions, False),

@@ -82,21 +82,21 @@ def follow_path(
     """
     case.refuse_pads('arc length')
     solver.take(solver.model.on_contacts(case.contacts))
-    edge = borders(solver.model, forced(case.contacts, case.force))
+    bordering = borders(solver.model, forced(case.contacts, case.force))
     if case.dead_load is not None:
-        dead = edge.dead.copy()
+        dead = bordering.dead.copy()
         dead[: case.dead_load.size] += case.dead_load.reshape(-1)
-        edge = replace(edge, dead=dead)
-    load = edge.push @ case.force + edge.dead
+        bordering = replace(bordering, dead=dead)
+    load = bordering.push @ case.force + bordering.dead
     ray = Ray(np.zeros_like(load), load, np.zeros_like(case.force), case.force)
     state = solver.met(start or solver.rest())
-    return _follow(solver, edge, ray, options, state, until)
+    return _follow(solver, bordering, ray, options, state, until)
 
 
 def carried_on(
-    solver: StepSolver, edge: Borders, here: Equilibrium, goal: StepLoads
+    solver: StepSolver, bordering: Borders, present: Equilibrium, goal: StepLoads
 ) -> tuple[Equilibrium, float, bool]:
-    """Where load steps from `here` towards `goal` end, by arc length: every contact is forced.
+    """Where load steps from `present` towards `goal` end, by arc length: every contact is forced.
 
     Returns the state, the share of the way it carries (1 under `goal`), and whether the load had
     to fall on the way: then the shell snaps. Where nothing carries `goal`, the state is the last
@@ -104,21 +104,26 @@ def carried_on(
     land on another.
     """
     dead = np.zeros_like(goal.dead)
-    dead[: len(here.dead_load)] = here.dead_load
-    base = edge.push @ here.force + dead
-    ray = Ray(base, edge.push @ goal.force + goal.dead - base, here.force, goal.force - here.force)
+    dead[: len(present.dead_load)] = present.dead_load
+    base = bordering.push @ present.force + dead
+    ray = Ray(
+        base,
+        bordering.push @ goal.force + goal.dead - base,
+        present.force,
+        goal.force - present.force,
+    )
     wall = float(solver.model.shell.thickness.max())
-    tangent = solver.respond(here, edge, ray.load[:, None])[:, 0]
+    tangent = solver.respond(present, bordering, ray.load[:, None])[:, 0]
     whole = float(np.linalg.norm(tangent)) / np.sqrt(len(solver.model.start))
     first = float(np.clip(FIRST_SHARE * whole, SHORTEST * wall, LONGEST_FIRST * wall))
     options = ArcLengthOptions(first, LONGEST * wall, SHORTEST * wall, MOST_POINTS)
-    path = _follow(solver, edge, ray, options, here, 1.0)
-    states = [here, *(point.state for point in path.points)]
+    path = _follow(solver, bordering, ray, options, present, 1.0)
+    states = [present, *(point.state for point in path.points)]
     factors = np.array([0.0, *(point.factor for point in path.points)])
     falls = np.flatnonzero(np.diff(factors) < 0.0)
     snaps = len(falls) > 0
     if factors[-1] >= 1.0:
-        found = solver.step(edge, goal, states[-1])
+        found = solver.step(bordering, goal, states[-1])
         if found.converged:
             return found, 1.0, snaps
     last = int(falls[0] if snaps else np.argmax(factors * (factors < 1.0)))
@@ -127,7 +132,7 @@ def carried_on(
 
 def _follow(
     solver: StepSolver,
-    edge: Borders,
+    bordering: Borders,
     ray: Ray,
     options: ArcLengthOptions,
     state: Equilibrium,
@@ -137,11 +142,11 @@ def _follow(
     model, load = solver.model, ray.load
     count = len(model.start)
     step = options.first_step
-    direction = _unit(solver.respond(state, edge, load[:, None])[:, 0], count)
+    direction = _unit(solver.respond(state, bordering, load[:, None])[:, 0], count)
     points: list[PathPoint] = []
     message = ''
     while len(points) < options.points:
-        driven = _along(edge, load, direction / count)
+        driven = _along(bordering, load, direction / count)
         position = float(driven.measure[:, 0] @ (state.unknowns - model.start).reshape(-1))
         guess = state.unknowns + step * direction.reshape(-1, 3)
         found = solver.step(
@@ -168,7 +173,7 @@ def _follow(
         state = replace(
             found,
             force=ray.force + factor * ray.more,
-            displacement=edge.measure.T @ (found.unknowns - model.start).reshape(-1),
+            displacement=bordering.measure.T @ (found.unknowns - model.start).reshape(-1),
         )
         points.append(PathPoint(factor, state))
         if factor >= until:
@@ -178,15 +183,15 @@ def _follow(
     return Path(tuple(points), message)
 
 
-def _along(edge: Borders, load: Array, measure: Array) -> Borders:
+def _along(bordering: Borders, load: Array, measure: Array) -> Borders:
     """Borders with the load factor as the one unknown push, measured along the path."""
     return Borders(
         push=load[:, None],
         measure=measure[:, None],
-        held=edge.held,
+        held=bordering.held,
         dead=np.zeros_like(load),
         driven=np.array([True]),
-        loose=edge.loose,
+        loose=bordering.loose,
     )
 
 

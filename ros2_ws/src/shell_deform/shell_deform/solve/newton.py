@@ -40,14 +40,14 @@ class EquilibriumSolver(StepSolver):
         if is_linear(self.model.theory) and not case.padded.any():
             return self._solve_linear(case)
         start = start or self.rest()
-        edge = borders(self.model, case)
-        here = self._on_contacts(start, case, edge)
-        edge = edge.started(here)
-        first = self._loads_of(here, case)
+        bordering = borders(self.model, case)
+        present = self._on_contacts(start, case, bordering)
+        bordering = bordering.started(present)
+        first = self._loads_of(present, case)
         goal = StepLoads(
             np.where(case.driven, 0.0, case.force),
             np.where(case.driven, case.displacement, 0.0),
-            edge.dead,
+            bordering.dead,
             case.motions,
             case.grip_motions(len(self.model.grips)),
         )
@@ -56,23 +56,23 @@ class EquilibriumSolver(StepSolver):
         fraction, step = 0.0, 1.0
         iterations = factorisations = 0
         message = ''
-        together = self._carried_along(here, goal) is not None
-        longest = longest_share(here.grip_motion, goal.grip_motion, together)
+        together = self._carried_along(present, goal) is not None
+        longest = longest_share(present.grip_motion, goal.grip_motion, together)
         while fraction < 1.0 - 1e-12:
             step = min(step, longest)
             trial = min(1.0, fraction + step)
             loads = first.towards(goal, trial)
             control = control_of(case, loads)
-            guess = predicted(here.history, control)
-            if (along := self._carried_along(here, loads)) is not None:
+            guess = predicted(present.history, control)
+            if (along := self._carried_along(present, loads)) is not None:
                 guess = along
-            found = self.step(edge, loads, here, guess)
+            found = self.step(bordering, loads, present, guess)
             iterations += found.iterations
             factorisations += found.factorisations
             if found.converged:
                 passed = PathState(control, found.unknowns)
-                here = replace(found, history=(*here.history, passed)[-3:])
-                edge = edge.started(here)
+                present = replace(found, history=(*present.history, passed)[-3:])
+                bordering = bordering.started(present)
                 fraction = trial
                 step *= 1.6
                 continue
@@ -82,41 +82,41 @@ class EquilibriumSolver(StepSolver):
                 break
         done, end = fraction >= 1.0 - 1e-12, End.CARRIED
         if not done and by_force:
-            here, done, fraction, end = self._by_arc_length(edge, here, goal, fraction)
+            present, done, fraction, end = self._by_arc_length(bordering, present, goal, fraction)
         if not done:
             message = SNAPPED if end is End.SNAP else message
         return replace(
-            self._balanced(edge, here, case),
+            self._balanced(bordering, present, case),
             converged=done,
             message='' if done else f'{message} (at {100 * fraction:.1f} % of the load case)',
             iterations=iterations,
             factorisations=factorisations,
             load_fraction=fraction,
             end=end if done or end is End.SNAP else End.LOST,
-            negative_modes=self.negative_modes(edge, here)
+            negative_modes=self.negative_modes(bordering, present)
             if self.options.stability or (self.options.stability is None and case.padded.any())
             else None,
         )
 
     def _by_arc_length(
-        self, edge: Borders, here: Equilibrium, goal: StepLoads, fraction: float
+        self, bordering: Borders, present: Equilibrium, goal: StepLoads, fraction: float
     ) -> tuple[Equilibrium, bool, float, End]:
         """Carry on where load steps ended: the state, whether under `goal`, the share carried."""
         try:
-            here, share, snaps = carried_on(self, edge, here, goal)
+            present, share, snaps = carried_on(self, bordering, present, goal)
         except FactorError:
-            return here, False, fraction, End.LOST
+            return present, False, fraction, End.LOST
         end = End.SNAP if snaps else End.CARRIED
-        return here, share == 1.0, fraction + share * (1.0 - fraction), end
+        return present, share == 1.0, fraction + share * (1.0 - fraction), end
 
     def sweep(self, cases: list[LoadCase], start: Equilibrium | None = None) -> list[Equilibrium]:
         """Equilibria of a list of load cases, each started from the ones before it."""
         results: list[Equilibrium] = []
-        here = start
+        present = start
         for case in cases:
-            here = self.solve(case, here)
-            results.append(here)
-            if not here.converged:
+            present = self.solve(case, present)
+            results.append(present)
+            if not present.converged:
                 break
         return results
 
@@ -127,7 +127,7 @@ class EquilibriumSolver(StepSolver):
         centre along its axis under each push.
         """
         case.refuse_pads('the response to unit pushes')
-        edge = borders(
+        bordering = borders(
             self.model,
             replace(
                 case,
@@ -135,46 +135,46 @@ class EquilibriumSolver(StepSolver):
                 displacement=np.full(len(case.contacts), np.nan),
             ),
         )
-        columns = self.respond(state, edge, edge.push)
-        return columns.reshape(-1, 3, columns.shape[1]), edge.measure.T @ columns
+        columns = self.respond(state, bordering, bordering.push)
+        return columns.reshape(-1, 3, columns.shape[1]), bordering.measure.T @ columns
 
     def _solve_linear(self, case: LoadCase) -> Equilibrium:
-        edge = borders(self.model, case)
+        bordering = borders(self.model, case)
         zero = self.rest()
-        here = self._on_contacts(zero, case, edge)
+        present = self._on_contacts(zero, case, bordering)
         loads = StepLoads(
             case.force,
             case.displacement,
-            edge.dead,
+            bordering.dead,
             case.motions,
             case.grip_motions(len(self.model.grips)),
         )
-        found = self.step(edge, loads, here, linear=True)
-        return self._balanced(edge, found, case)
+        found = self.step(bordering, loads, present, linear=True)
+        return self._balanced(bordering, found, case)
 
-    def _loads_of(self, here: Equilibrium, case: LoadCase) -> StepLoads:
-        """What the state `here` carries, seen with the contacts of `case`."""
+    def _loads_of(self, present: Equilibrium, case: LoadCase) -> StepLoads:
+        """What the state `present` carries, seen with the contacts of `case`."""
         dead = np.zeros(3 * len(self.model.start))
-        dead[: len(here.dead_load)] = here.dead_load
+        dead[: len(present.dead_load)] = present.dead_load
         return StepLoads(
-            np.where(case.driven, 0.0, here.force),
-            np.where(case.driven, here.displacement, 0.0),
+            np.where(case.driven, 0.0, present.force),
+            np.where(case.driven, present.displacement, 0.0),
             dead,
-            np.zeros((len(case.contacts), 6)) if here.motion is None else here.motion,
-            here.grip_motion,
+            np.zeros((len(case.contacts), 6)) if present.motion is None else present.motion,
+            present.grip_motion,
         )
 
-    def _carried_along(self, here: Equilibrium, loads: StepLoads) -> Array | None:
+    def _carried_along(self, present: Equilibrium, loads: StepLoads) -> Array | None:
         """All unknowns carried along where the grips are all that holds and move as one."""
-        if self.model.supports is not None or len(here.wall) or len(here.force):
+        if self.model.supports is not None or len(present.wall) or len(present.force):
             return None
-        motions = here.grip_motion, loads.grip_motion
-        return carried_as_one(self.model.grips, *motions, here.positions)
+        motions = present.grip_motion, loads.grip_motion
+        return carried_as_one(self.model.grips, *motions, present.positions)
 
-    def _on_contacts(self, start: Equilibrium, case: LoadCase, edge: Borders) -> Equilibrium:
+    def _on_contacts(self, start: Equilibrium, case: LoadCase, bordering: Borders) -> Equilibrium:
         """The start state seen with the contacts of `case`."""
         start = self.met(start)
-        moved = edge.measure.T @ (start.unknowns - self.model.start).reshape(-1)
+        moved = bordering.measure.T @ (start.unknowns - self.model.start).reshape(-1)
         same = len(start.force) == len(case.contacts)
         return replace(
             start,
@@ -185,14 +185,14 @@ class EquilibriumSolver(StepSolver):
             force=start.force if same else np.zeros(len(case.contacts)),
             motion=start.motion if same else None,
             multipliers=start.multipliers
-            if same and len(start.multipliers) == edge.held.shape[1]
-            else np.zeros(edge.held.shape[1]),
+            if same and len(start.multipliers) == bordering.held.shape[1]
+            else np.zeros(bordering.held.shape[1]),
         )
 
-    def _balanced(self, edge: Borders, state: Equilibrium, case: LoadCase) -> Equilibrium:
+    def _balanced(self, bordering: Borders, state: Equilibrium, case: LoadCase) -> Equilibrium:
         """The state with what its loads leave to supports, and what its grips do."""
-        push = edge.push if edge.pattern is None else edge.pattern
-        carried = push @ state.force + edge.dead[: len(push)]
+        push = bordering.push if bordering.pattern is None else bordering.pattern
+        carried = push @ state.force + bordering.dead[: len(push)]
         if len(state.pad_load):
             carried = carried + state.pad_load
         carried = carried.reshape(-1, 3)
@@ -203,23 +203,23 @@ class EquilibriumSolver(StepSolver):
             return replace(state, unbalance=unbalance)
         for grip, force in zip(model.grips, case.grip_forces(len(motions)), strict=True):
             carried = carried - grip.load(force)
-        held = (edge.held @ state.multipliers)[: carried.size].reshape(-1, 3)
+        held = (bordering.held @ state.multipliers)[: carried.size].reshape(-1, 3)
         reaction = model.wall_force(state.unknowns)[: len(carried)] - carried + held
         poses, wrenches = poses_and_wrenches(
             model.grips, model.rest, state.positions, reaction, motions
         )
         return replace(state, unbalance=unbalance, grip_pose=poses, grip_wrench=wrenches)
 
-    def negative_modes(self, edge: Borders, state: Equilibrium) -> int:
+    def negative_modes(self, bordering: Borders, state: Equilibrium) -> int:
         """Negative directions of the stiffness among motions the constraints allow.
 
         From the inertia of the symmetric bordered matrix: every independent constraint adds one
         negative and one positive.
         """
-        symmetric = replace(edge, measure=-edge.push)
+        symmetric = replace(bordering, measure=-bordering.push)
         tangent = self.model.tangent(state.unknowns)
-        if edge.field is not None:
+        if bordering.field is not None:
             motion = np.zeros((len(state.force), 6)) if state.motion is None else state.motion
-            touch = edge.field.press(state.unknowns, state.displacement, state.force, motion)
-            tangent = touched_tangent(tangent, edge.field, touch)
+            touch = bordering.field.press(state.unknowns, state.displacement, state.force, motion)
+            tangent = touched_tangent(tangent, bordering.field, touch)
         return negative_directions(self.system(tangent, symmetric), symmetric)

@@ -137,9 +137,9 @@ class StepSolver:
             self._symbolic = analyse(matrix, self.model.shell.places, block=3)
         return factorise(self._symbolic, matrix)
 
-    def system(self, tangent: Tangent, edge: Borders) -> BorderedFactor:
+    def system(self, tangent: Tangent, bordering: Borders) -> BorderedFactor:
         """The factorised system of a tangent: sparse stiffness and all borders of a load case."""
-        return bordered(self.model, tangent, edge, self.factor)
+        return bordered(self.model, tangent, bordering, self.factor)
 
     def rest(self) -> Equilibrium:
         """The undeformed state, as a start."""
@@ -160,9 +160,9 @@ class StepSolver:
         )
         return self.met(rest)
 
-    def respond(self, state: Equilibrium, edge: Borders, loads: Array) -> Array:
+    def respond(self, state: Equilibrium, bordering: Borders, loads: Array) -> Array:
         """Displacements (N, k) per unit of the loads (N, k), by the tangent at `state`."""
-        system = self.system(self.model.tangent(state.unknowns), edge)
+        system = self.system(self.model.tangent(state.unknowns), bordering)
         return system.solve(loads)[0]
 
     def step(

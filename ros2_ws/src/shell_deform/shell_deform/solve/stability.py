@@ -59,29 +59,29 @@ def snap_margin(
     """
     case.refuse_pads('the margin to snap')
     solver.take(solver.model.on_contacts(case.contacts))
-    edge = symmetric(borders(solver.model, case))
+    bordering = symmetric(borders(solver.model, case))
     if rest_stiffness is None:
-        rest_stiffness = smallest_stiffness(solver, edge, solver.model.start)[0]
-    stiffness, mode, negative = smallest_stiffness(solver, edge, solver.met(state).unknowns)
+        rest_stiffness = smallest_stiffness(solver, bordering, solver.model.start)[0]
+    stiffness, mode, negative = smallest_stiffness(solver, bordering, solver.met(state).unknowns)
     return SnapMargin(stiffness / rest_stiffness, stiffness, rest_stiffness, negative, mode)
 
 
-def symmetric(edge: Borders) -> Borders:
+def symmetric(bordering: Borders) -> Borders:
     """Borders whose driven contacts keep what their force works on, so that inertia counts."""
-    return replace(edge, measure=-edge.push)
+    return replace(bordering, measure=-bordering.push)
 
 
 def smallest_stiffness(
-    solver: EquilibriumSolver, edge: Borders, positions: Array
+    solver: EquilibriumSolver, bordering: Borders, positions: Array
 ) -> tuple[float, Array, int]:
     """Stiffness [N/m] nearest to zero at the unknowns `positions`, the motion (n, 3) of
     the control points there, and the number of negative modes.
 
-    `edge` must be symmetric. A state beyond the snap has a negative one.
+    `bordering` must be symmetric. A state beyond the snap has a negative one.
     """
     model = solver.model
     tangent = model.tangent(positions)
-    system = solver.system(tangent, edge)
+    system = solver.system(tangent, bordering)
     weight = np.zeros(3 * len(model.start))
     weight[: 3 * len(model.rest)] = np.repeat(np.sqrt(surface_shares(model)), 3)
 
@@ -94,7 +94,11 @@ def smallest_stiffness(
     values, vectors = sla.eigsh(operator, k=1, which='LM', v0=start, tol=TOLERANCE)
     stiffness = 1.0 / float(values[0])
     mode = stiffness * system.solve(weight * vectors[:, 0], refinements=0)[0]
-    return stiffness, mode.reshape(-1, 3)[: len(model.rest)], negative_directions(system, edge)
+    return (
+        stiffness,
+        mode.reshape(-1, 3)[: len(model.rest)],
+        negative_directions(system, bordering),
+    )
 
 
 def surface_shares(model: ShellModel) -> Array:

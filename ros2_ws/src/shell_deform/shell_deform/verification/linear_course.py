@@ -38,9 +38,9 @@ X, Y, Z = np.eye(3)
 def first_order(model: ShellModel, case: LoadCase) -> Array:
     """Displacements (n, 3) of the shell's tangent at rest under forced contacts and dead load."""
     solver = EquilibriumSolver(model)
-    edge = borders(model, case)
-    load = edge.push @ case.force + edge.dead
-    return solver.respond(solver.rest(), edge, load[:, None])[:, 0].reshape(-1, 3)
+    bordering = borders(model, case)
+    load = bordering.push @ case.force + bordering.dead
+    return solver.respond(solver.rest(), bordering, load[:, None])[:, 0].reshape(-1, 3)
 
 
 def scordelis_lo(cells: int = 32) -> Verified:

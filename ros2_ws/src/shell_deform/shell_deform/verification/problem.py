@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 class Verified:
     """A row of `shell_verify`; `error` is signed and relative to the reference.
 
-    `goal` is the largest |error| allowed, None where the row only informs.
+    `goal` is the largest |error| allowed, None where the row is not scored.
     """
 
     name: str

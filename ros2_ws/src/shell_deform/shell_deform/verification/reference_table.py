@@ -102,7 +102,7 @@ def _snap() -> Iterator[Reference]:
             'hinged_roof_12.7', f'load over 3000 N at {deflection:g} mm', float(factor),
             'published', source, 1e-2,
             SCORED + ': with the shear dent of the point force added to our deflection '
-            '(snap.with_shear_dent); without it the load informs',
+            '(snap.with_shear_dent); without it the load is not scored',
         )  # fmt: skip
     yield Reference(
         'hinged_roof_6.35', 'turning points of load and of deflection', 2.0, 'published', source,

@@ -57,11 +57,11 @@ class Curve:
     message: str
 
     def rows(
-        self, skip: tuple[float, float] = (2.0, 2.0), informs: str = ''
+        self, skip: tuple[float, float] = (2.0, 2.0), unscored_column: str = ''
     ) -> Iterator[Verified]:
         """One row per column and load, except for load fractions inside `skip`.
 
-        The column named `informs` has no goal where the path is past `skip`.
+        The column `unscored_column` has no goal where the path is past `skip`.
         """
         for k, column in enumerate(self.columns):
             final = abs(self.published[:, k]).max()
@@ -70,7 +70,7 @@ class Curve:
                     continue
                 reference = float(self.published[i, k])
                 allowed = allowed_error(reference, final, i == len(self.fraction) - 1)
-                unscored = column == informs and fraction > skip[1]
+                unscored = column == unscored_column and fraction > skip[1]
                 yield Verified(
                     self.name,
                     f'{column} at {fraction:g} of the largest load',
@@ -198,7 +198,7 @@ def pullout(cells: tuple[int, int] = (32, 24)) -> Curve:
     B and C, away from the force, are scored. A lies under a point force: the published element is
     shear-flexible, so its A moves on by the shear dent of a point force, P / (2 pi k G h) times
     the logarithm of dent over element size. A Kirchhoff-Love wall has no such dent. On the
-    stiffened branch A therefore informs and is not scored. That the difference is a shear dent is
+    stiffened branch A is therefore not scored. That the difference is a shear dent is
     tested: it is proportional to the load, `shear_dent` gives its size, B and C stay within 0.1
     and 0.3 %, and refinement leaves it: -1.50, -1.33, -1.21, -1.16 % at the largest load on
     24 x 18, 32 x 24, 48 x 36, 64 x 48 cells. Kratos' thin corotational quadrilaterals, a Kirchhoff
@@ -332,4 +332,4 @@ def problems() -> Iterator[Verified]:
     """Every tabulated load of every problem."""
     for solve in SMOOTH:
         yield from solve().rows()
-    yield from pullout().rows(SNAP, informs='W_A')
+    yield from pullout().rows(SNAP, unscored_column='W_A')

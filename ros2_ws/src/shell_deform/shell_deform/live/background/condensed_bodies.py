@@ -67,10 +67,10 @@ def touches_of(solver: EquilibriumSolver, case: LoadCase, state: Equilibrium) ->
     """The contacts of a state, also where it was found carried as it was."""
     if state.touches:
         return state.touches
-    edge = borders(solver.model, case).started(state)
-    assert edge.field is not None
+    bordering = borders(solver.model, case).started(state)
+    assert bordering.field is not None
     motion = case.motions if state.motion is None else state.motion
-    press = edge.field.press(state.unknowns, state.displacement, state.force, motion)
+    press = bordering.field.press(state.unknowns, state.displacement, state.force, motion)
     return press.touches
 
 
@@ -78,9 +78,9 @@ def condense(solver: EquilibriumSolver, case: LoadCase, state: Equilibrium) -> T
     """Columns of an equilibrium under a case whose contacts are all bodies."""
     count = len(case.contacts)
     free = replace(case, force=np.zeros(count), displacement=np.full(count, np.nan))
-    edge = borders(solver.model, free)
-    assert edge.field is not None
-    motions = _motions(edge.field, state, case)
+    bordering = borders(solver.model, free)
+    assert bordering.field is not None
+    motions = _motions(bordering.field, state, case)
     pressing = np.flatnonzero(motions.pressing)
     depth = motions.rows[pressing, :, 0].T
     corner = motions.corner[pressing, 0, 0]
@@ -90,16 +90,16 @@ def condense(solver: EquilibriumSolver, case: LoadCase, state: Equilibrium) -> T
     )  # fmt: skip
     tangent = solver.model.tangent(state.unknowns)
     elastic = tangent.gradient + tangent.gas_pressure * tangent.gas_row
-    system = solver.system(touched_tangent(tangent, edge.field, press), edge)
-    held = edge.held.shape[1]
-    r = _rigid_rows(edge.held, solver.model.free_modes)
+    system = solver.system(touched_tangent(tangent, bordering.field, press), bordering)
+    held = bordering.held.shape[1]
+    r = _rigid_rows(bordering.held, solver.model.free_modes)
     loads, below, moved = _unit_inputs(motions, elastic, held, r)
     eliminated = -depth @ (moved[pressing, 0] / corner[:, None])
     fields, multipliers = system.solve(loads + eliminated, below, refinements=0)
     return Touched(
         _outputs(motions, fields, multipliers, moved, corner, r, count),
-        edge.held[:, held - r :].T @ (state.unknowns - solver.model.start).reshape(-1),
-        negative_directions(system, edge),
+        bordering.held[:, held - r :].T @ (state.unknowns - solver.model.start).reshape(-1),
+        negative_directions(system, bordering),
     )
 
 

@@ -73,7 +73,7 @@ class GraspResponse:
         held = state.multipliers[: HELD_ROWS * count]
         grasp = held_contacts(patches, *feet.at(positions), state.force, held, 1.0)
         self._response = answered(patches, feet, positions, grasp, answer)
-        dent = tracker.here(np.zeros(count, bool)).displacement
+        dent = tracker.present(np.zeros(count, bool)).displacement
         self._wall = self._reader.at(tracker.unknowns, state.force, dent)
         return True
 

@@ -54,11 +54,11 @@ class Motion:
         """`target`, of the contacts of `generation`, a refresh later; `now` steady [s]."""
         target = self._turned(target, now)
         last, before = self._last, self._step
-        here = np.where(target.driven, target.displacement, 0.0)
-        self._last, self._step = (generation, now, here), np.zeros(0)
+        depths = np.where(target.driven, target.displacement, 0.0)
+        self._last, self._step = (generation, now, depths), np.zeros(0)
         if last is None or last[0] != generation or not 0.0 < now - last[1] < LONGEST_GAP_S:
             return target
-        step = here - last[2]
+        step = depths - last[2]
         self._step = step
         size = float(np.abs(step).max(initial=0.0))
         turned = len(before) == len(step) and before @ step < 0.0

@@ -113,8 +113,8 @@ class LiveSolver:
         self.tracker.reset()
         self.tracker.set_contacts(rows, np.zeros(0))
         if self.model.gas.is_sealed and self.model.gas.gauge_pressure or self.model.pressure:
-            here = self.tracker.here(np.zeros(0, bool))
-            self.tracker.advance(here)
+            present = self.tracker.present(np.zeros(0, bool))
+            self.tracker.advance(present)
         self._new_generation(rows)
 
     def warm_up(self) -> None:
@@ -246,7 +246,7 @@ class LiveSolver:
         ):
             return self._grasp.renew(tracker, self._feet, self._condensed, moved=False)
         old = self._columns
-        self._exactly = not (tracker.is_beside and self.is_awaited())
+        self._exactly = not (tracker.is_near_tangent and self.is_awaited())
         self._condensed = tracker.condense(self._exactly)
         self._states = 0
         self._condensed_at = tracker.state.moved
@@ -285,7 +285,7 @@ class LiveSolver:
         tracker = self.tracker
         rows = self._rows()
         k = rows.contacts
-        here = tracker.here(np.zeros(k, bool))
+        present = tracker.present(np.zeros(k, bool))
         system = tracker.system()
         placement = self._placement
         positions = tracker.positions
@@ -308,14 +308,14 @@ class LiveSolver:
             contacts={
                 'finger': self._fingers(),
                 'force': tracker.state.force,
-                'displacement': here.displacement,
+                'displacement': present.displacement,
                 'travel_offset': [c.travel_offset for c in contacts],
                 'axis': [c.patch.axis for c in contacts],
                 'anchor': [c.touched for c in contacts],
                 'place': [c.patch.point for c in contacts],
                 'coarseness': [c.coarseness for c in contacts],
                 'lateral': [d for c in contacts for d in c.patch.lateral],
-                'rigid': here.rigid,
+                'rigid': present.rigid,
                 'touch_point': point,
                 'touch_normal': normal,
                 'reaction': -tracker.state.multipliers[rows.lateral_columns],
@@ -342,7 +342,7 @@ class LiveSolver:
             _fill_grips(slot, self._gripping, tracker.state.grips, rows)
         if self._face is not None and slot.outer is not None and slot.outer_slope is not None:
             slot.unmodelled[:] = unmodelled(
-                self.unloaded_surface, self._wall, self.contacts.patches, here.displacement
+                self.unloaded_surface, self._wall, self.contacts.patches, present.displacement
             )
             slot.outer[:], slot.outer_slope[:] = self._face.offset(), self._face.slope
 
@@ -429,14 +429,14 @@ class LiveSolver:
         """What the load case prescribes on the patches in use."""
         by_finger = {touch.finger: touch for touch in touches}
         contacts = self.contacts.contacts
-        here = self.tracker.here(self._driven(load))
+        present = self.tracker.present(self._driven(load))
         same = load.generation == self.generation
-        force = here.force.copy()
-        displacement = here.displacement.copy()
+        force = present.force.copy()
+        displacement = present.displacement.copy()
         for i, contact in enumerate(contacts):
             touch = by_finger.get(contact.finger)
             force[i] = touch.force if touch is not None else 0.0
-            if touch is None or not here.driven[i]:
+            if touch is None or not present.driven[i]:
                 continue
             new = contact.finger in self.contacts.laid
             if same and np.isfinite(touch.displacement):
@@ -453,7 +453,7 @@ class LiveSolver:
         return Target(
             force,
             displacement,
-            here.driven,
+            present.driven,
             rigid,
             np.concatenate(held) if held else np.zeros(0),
             load.grips[: len(self.model.grips)],
@@ -462,9 +462,9 @@ class LiveSolver:
     def _inputs(self) -> Array:
         """Values of the condensed inputs at the present state."""
         rows = self._rows()
-        here = self.tracker.here(np.zeros(rows.contacts, bool))
+        present = self.tracker.present(np.zeros(rows.contacts, bool))
         lateral = (rows.held.T @ self.tracker.state.moved)[rows.lateral_columns]
-        return np.concatenate([here.force, lateral, here.rigid, [0.0]])
+        return np.concatenate([present.force, lateral, present.rigid, [0.0]])
 
     def _bend_from_rest(self, small: SmallLoads) -> None:
         """Second order of new contacts: exact for a shell at rest, elsewhere for the error."""

@@ -37,7 +37,7 @@ SMALLEST_STEP = 1.0 / 256.0
 PATH = 6
 """States behind the present one that are kept: some of them may be too near to lead on."""
 
-BESIDE = 0.02
+NEAR_TANGENT = 0.02
 """While newer load cases wait, a tangent gives the columns of states within this share of the wall
 thickness. It may be that of an iteration without balance: its stresses, and by them the stiffness,
 are off by some percent."""
@@ -182,7 +182,7 @@ class EquilibriumTracker:
         """All unknowns at the unloaded control `positions` (n, 3)."""
         return self.model.shell.continued(self._bare.shell, positions)
 
-    def here(self, driven: NDArray[np.bool_]) -> Target:
+    def present(self, driven: NDArray[np.bool_]) -> Target:
         """The present values of everything that can be prescribed."""
         rows = self._rows()
         values = rows.constraints.T @ self.state.moved
@@ -217,11 +217,11 @@ class EquilibriumTracker:
         self._system = CondensedSystem(self._factor, self._tangent, self._rows())
 
     @property
-    def is_beside(self) -> bool:
+    def is_near_tangent(self) -> bool:
         """Whether the tangent at hand was taken next to the present state."""
         if self._tangent is None:
             return False
-        return bool(np.abs(self.state.moved - self._tangent_at).max() < BESIDE * self._wall)
+        return bool(np.abs(self.state.moved - self._tangent_at).max() < NEAR_TANGENT * self._wall)
 
     def condense(self, exactly: bool = True) -> Condensed:
         """Columns about the present state; not `exactly`: by the tangent at hand.
@@ -282,7 +282,7 @@ class EquilibriumTracker:
 
     def within(self, target: Target, reach: float) -> tuple[Target, float]:
         """A target on the way that moves no contact further than `reach` [m], and which share."""
-        start = self.here(target.driven)
+        start = self.present(target.driven)
         moved = target.displacement - start.displacement
         if not target.driven.all():
             soft = self.system().compliance @ np.where(
@@ -300,7 +300,7 @@ class EquilibriumTracker:
         A share below one leaves the tracker at an equilibrium on the way and says why in
         `message`.
         """
-        start = self.here(target.driven)
+        start = self.present(target.driven)
         loose = self._loose_force()
         reached, step = 0.0, 1.0
         self._budget = self.options.tangents
@@ -423,12 +423,12 @@ class EquilibriumTracker:
 
     def _reach(self, target: Target) -> float:
         """How far the grips carry what they hold [m], and so may a first step."""
-        model, here = self.model, self.state.grips
-        if np.array_equal(here, target.grips):
+        model, now_held = self.model, self.state.grips
+        if np.array_equal(now_held, target.grips):
             return 0.0
         ways = [
             after.target(model.rest, now) - after.target(model.rest, before)
-            for after, now, before in zip(model.grips, target.grips, here, strict=True)
+            for after, now, before in zip(model.grips, target.grips, now_held, strict=True)
         ]
         return (1.0 + len(ways)) * max(float(np.abs(way).max()) for way in ways)
 

@@ -229,12 +229,12 @@ class Adopted:
         along = float(self.bend_direction @ moved)
         return (outer + min(max(along, -reach), reach) * slope) @ self.turn.T
 
-    def missed(self, moved: Array) -> float:
+    def linearisation_error(self, moved: Array) -> float:
         """Error estimate [m], at the worst vertex, of the step of the contacts by `moved` (k,)."""
         _, bend_error, third = self.bend(moved)
         return self.worst_bend * bend_error + self.worst_third * third
 
-    def doubted(self, measured: Measured) -> Measured:
+    def widened(self, measured: Measured) -> Measured:
         """The same with wider gauges.
 
         The tangent does not know how the push bends away from it: over a long step a gauge would

@@ -61,16 +61,16 @@ class AtRest:
             rigid_by=np.zeros((0, 3 * k + 1)),
         )
 
-    def missed(self, push: Array, displacement: Array) -> float:
+    def linearisation_error(self, push: Array, displacement: Array) -> float:
         """Share of `displacement` (k,) [m] that linear theory misses under pushes (k,) [N]."""
         return linear_error(self.compliance, self.second_order, push, displacement)
 
     def error(self, displacement: Array) -> float:
         """Error estimate [m] of linear theory for contacts displaced by (k,) [m]."""
-        share = self.missed(self.stiffness @ displacement, displacement)
+        share = self.linearisation_error(self.stiffness @ displacement, displacement)
         return share * float(np.abs(displacement).max(initial=0.0))
 
-    def doubted(self, measured: Measured) -> Measured:
+    def widened(self, measured: Measured) -> Measured:
         """The same with gauges widened by what linear theory invents of the measured motion.
 
         Otherwise a gauge and a stiffness that is too high outvote the encoders.
@@ -79,7 +79,7 @@ class AtRest:
         if not np.isfinite(moved).all():
             return measured
         push = self.stiffness @ moved
-        less = self.missed(push, moved) * np.abs(push)
+        less = self.linearisation_error(push, moved) * np.abs(push)
         return measured._replace(sigma_push=np.hypot(measured.sigma_push, less))
 
     def doubt(self, push: Array, measured: Measured, uses_motion: bool) -> float:
@@ -91,5 +91,5 @@ class AtRest:
         size = float(np.abs(self.compliance @ push).max(initial=0.0))
         if depth <= 0.0 or size == 0.0:
             return 0.0
-        share = self.missed(push * depth / size, np.array([depth]))
+        share = self.linearisation_error(push * depth / size, np.array([depth]))
         return max(share * depth, abs(depth - size))

@@ -206,14 +206,14 @@ class Estimator:
         unknown = tuple(merged.finger[~known].tolist())
         measured = self._measured(response, adopted.fingers, pressed)
         now = measured_displacement(response, measured)
-        better = FIRMLY * adopted.missed(now - response.displacement)
+        better = FIRMLY * adopted.linearisation_error(now - response.displacement)
         stays = not away and not adopted.carries
         if stays and adopted.at_rest.error(now) < better:
             age = 1e-9 * (sample.stamp - adopted.stamp)
             return self._serve_from_rest(adopted.at_rest, pressed, age, unknown)
         errors = self.settings.errors.on_mesh(adopted.coarseness)
         lateral, frozen = adopted.across(pressed, self.pose_in_use)
-        posterior = fuse(errors, adopted.after(lateral), adopted.doubted(measured))
+        posterior = fuse(errors, adopted.after(lateral), adopted.widened(measured))
         k = len(adopted.fingers)
         posterior.inputs[k : 3 * k] += lateral
         self.posterior, self.measured = posterior, measured
@@ -270,7 +270,7 @@ class Estimator:
             stamp=stamp,
             packed=self._packed,
             max_displacement=largest,
-            linearity=adopted.at_rest.missed(force, displacement),
+            linearity=adopted.at_rest.linearisation_error(force, displacement),
             strain_energy=adopted.energy + float((response.force + 0.5 * extra) @ moved),
             nonlinear_age=1e-9 * (stamp - adopted.stamp),
             snap_margin=adopted.snap_margin,
@@ -307,7 +307,7 @@ class Estimator:
         if first is None or self.first_touch is None:
             nothing = np.zeros((len(self.rest), 3, 0))
             return Joined(fingers, nothing, np.zeros(0), np.zeros((0, 0)), unknown_dent)
-        new = self.first_touch.beside(first, known)
+        new = self.first_touch.joined(first, known)
         measured = self._measured(new.response, new.fingers, sample)
         errors = self.settings.errors.on_mesh(new.coarseness)
         found = fuse(errors, new.response, _without_grip(measured))
@@ -317,7 +317,7 @@ class Estimator:
         size = float(np.abs(moved).max())
         margin = 1.0 if self.adopted is None else min(max(self.adopted.snap_margin, 0.0), 1.0)
         # What bends the response of its own dent, and what softened the shell meanwhile.
-        doubt = (new.missed(push, moved) + 1.0 - margin) * size
+        doubt = (new.linearisation_error(push, moved) + 1.0 - margin) * size
         return Joined(fingers, new.columns, push, np.ascontiguousarray(found.root[:m]), doubt)
 
     def linear(self) -> NDArray[np.float32]:
@@ -428,10 +428,11 @@ class Estimator:
         largest = self._pack(self._packed, surface, columns, inputs, root, doubt)
         if offset is not None:
             serve_outer(offset, self.pose_in_use.rotation, self._packed)
-        missed = float(np.linalg.norm(linear - surface, axis=1).max())
+        largest_difference = float(np.linalg.norm(linear - surface, axis=1).max())
+        linearity = largest_difference / max(largest, 1e-12)
         empty = np.zeros(0)
         return Served(
-            sample.stamp, self._packed, largest, missed / max(largest, 1e-12), energy, age, margin,
+            sample.stamp, self._packed, largest, linearity, energy, age, margin,
             0.0, '', doubt, empty, empty, unknown, adopted is not None,
         )  # fmt: skip
 
@@ -447,25 +448,25 @@ class Estimator:
         measured = _without_grip(self._measured(at_rest.response, at_rest.fingers, sample))
         errors = self.settings.errors.on_mesh(at_rest.coarseness)
         uses_motion = errors.drive != 'force'
-        weighed = at_rest.doubted(measured) if taking_up and uses_motion else measured
+        weighed = at_rest.widened(measured) if taking_up and uses_motion else measured
         found = fuse(errors, at_rest.response, weighed)
         self.posterior = self.measured = None
         k = len(at_rest.fingers)
         push, root = found.inputs[:k], found.root[:k]
         self._linear = at_rest, push, root
         displacement = at_rest.compliance @ push
-        missed = at_rest.missed(push, displacement)
+        linearity = at_rest.linearisation_error(push, displacement)
         doubt = _doubt(sample, unknown)
         if taking_up:
             doubt += at_rest.doubt(push, measured, uses_motion)
         else:
-            doubt += missed * float(np.abs(displacement).max())
+            doubt += linearity * float(np.abs(displacement).max())
         largest = self._pack(self._packed, self.rest, at_rest.columns, push, root, doubt)
         return Served(
             stamp=sample.stamp,
             packed=self._packed,
             max_displacement=largest,
-            linearity=missed,
+            linearity=linearity,
             strain_energy=0.5 * float(push @ displacement),
             nonlinear_age=age,
             snap_margin=1.0,

@@ -54,7 +54,7 @@ class FirstTouch:
             self.forget()
         return self._answer
 
-    def beside(self, answer: AtRest, known: NDArray[np.bool_]) -> AtRest:
+    def joined(self, answer: AtRest, known: NDArray[np.bool_]) -> AtRest:
         """The contacts that are not `known` (k,), while the others keep their displacements."""
         new = ~known
         compliance, columns = answer.compliance, answer.columns

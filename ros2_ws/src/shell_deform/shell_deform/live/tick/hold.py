@@ -63,12 +63,12 @@ class ForceMemory:
         index = np.searchsorted(self._fingers, sample.finger)
         force = np.zeros((len(self._fingers), 3))
         force[index] = (sample.force - self._memory.held(step)[index]) / step.now
-        here = force[index]
-        share = _ratio(here, sample.force)
+        held = force[index]
+        share = _ratio(held, sample.force)
         age = 1e-9 * (sample.stamp - self._began[index])
-        own = np.linalg.norm(here, axis=1) * self._sigma(np.maximum(age, 0.0))
+        own = np.linalg.norm(held, axis=1) * self._sigma(np.maximum(age, 0.0))
         answer = replace(
-            sample, force=here, sigma_normal=np.hypot(sample.sigma_normal * share, own)
+            sample, force=held, sigma_normal=np.hypot(sample.sigma_normal * share, own)
         )
         if not late:
             self._seen[index] = sample.stamp

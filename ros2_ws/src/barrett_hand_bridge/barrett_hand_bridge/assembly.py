@@ -148,6 +148,7 @@ def make_observer(values: Values, calibration: HandCalibration, facts: HandFacts
             follow_drift=values['follow_drift'],
             tendon_compliance_rad_per_nm=values['tendon_compliance'],
             tendon_sigma_rad_per_nm=values['tendon_sigma'],
+            tendon_play_rad=values['tendon_play'],
             opposed_fingers=None if opposed == [0] else (opposed[0], opposed[1]),
             gravity=(gravity[0], gravity[1], gravity[2]),
             touch_threshold_n_per_cm2=values['touch_threshold'],

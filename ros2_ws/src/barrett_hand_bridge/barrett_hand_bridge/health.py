@@ -208,6 +208,8 @@ def _motor_values(sample: HandSample) -> dict[str, str]:
 
 def _finger_values(observation: Observation, observer: HandObserver | None) -> dict[str, str]:
     values: dict[str, str] = {}
+    if observer is not None:
+        values['play of the tendons (rad)'] = observer.tendons.told()
     for finger, reading in observation.fingers.items():
         name = f'finger {finger}'
         values[f'{name} gauge (counts)'] = str(reading.gauge_counts)

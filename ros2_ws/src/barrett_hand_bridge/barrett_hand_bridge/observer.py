@@ -40,6 +40,7 @@ from barrett_hand_bridge.kinematics import (
 )
 from barrett_hand_bridge.posture import HandPosture, is_open
 from barrett_hand_bridge.tare import HYSTERESIS_NM, ExpectedZero, TareOutcome, take_zero
+from barrett_hand_bridge.tendon import Squeezing, TendonPlay, lagging
 from barrett_hand_bridge.touch import touch_cells, touch_contacts
 from barrett_hand_bridge.zero import BLOCK_S, DRIFT_8_BIT, DriftModel, ZeroTracker
 
@@ -63,6 +64,7 @@ class ObserverSettings:
     follow_drift: bool = True
     tendon_compliance_rad_per_nm: float = 0.02
     tendon_sigma_rad_per_nm: float = 0.004
+    tendon_play_rad: float = 0.0035
     backlash_sigma_rad: float = math.radians(0.1)
     opposed_fingers: tuple[int, int] | None = (1, 2)
     gravity: tuple[float, float, float] = (0.0, 0.0, -1.0)
@@ -119,6 +121,12 @@ class HandObserver:
         self._seen_open = {finger: ZeroTracker(settings.drift) for finger in FINGERS}
         self.touches = {finger: TouchTracker(settings.touch) for finger in FINGERS}
         self.posture = HandPosture(settings.encoder)
+        self.tendons = TendonPlay(
+            settings.tendon_play_rad,
+            settings.tendon_sigma_rad_per_nm / max(settings.tendon_compliance_rad_per_nm, 1e-9),
+        )
+        # By how much each outer link stands behind its encoder.
+        self._bend_rad = dict.fromkeys(FINGERS, 0.0)
         # When a touch of a finger at rest began, by itself.
         self._came_at_rest_s = dict.fromkeys(FINGERS, -math.inf)
         self._tare_weight_nm = dict.fromkeys(FINGERS, 0.0)
@@ -232,9 +240,12 @@ class HandObserver:
             torque = self._torque(finger, sample.gauge_counts[index], time_s)
             torques[finger] = torque
             # The tendons give way under the torque: the link stands behind its encoder.
-            bent = outer - s.tendon_compliance_rad_per_nm * torque.value_nm
+            bend = lagging(
+                self._bend_rad[finger], self._stretch(torque), self.tendons.half_width_rad
+            )
+            self._bend_rad[finger] = bend
             frames[finger] = finger_frames(
-                s.geometry, finger, angles.spread, angles.inner[finger], bent
+                s.geometry, finger, angles.spread, angles.inner[finger], outer - bend
             )
             ends[finger] = pin_end(frames[finger], s.pins[finger])
             if is_open(angles.inner, finger):
@@ -244,6 +255,7 @@ class HandObserver:
             readings[finger] = self._reading(
                 finger, sample.gauge_counts[index], torques[finger], frames[finger], ends, time_s
             )
+        self._see_squeeze(readings)
         cells: list[Contact] = []
         if sample.tactile_n_per_cm2 is not None:
             cells = touch_contacts(
@@ -312,6 +324,7 @@ class HandObserver:
                 stretch = math.hypot(
                     s.tendon_sigma_rad_per_nm * torque.value_nm,
                     s.tendon_compliance_rad_per_nm * torque.sigma_nm,
+                    self.tendons.lag_sigma(self._stretch(torque)),
                 )
                 encoder = s.encoder.finger_rad_per_count * QUANTISATION_COUNTS * 2.0 * reach
                 sigma_travel = math.hypot(sigma_origin, arm * stretch, encoder)
@@ -345,6 +358,24 @@ class HandObserver:
             arm_m=arm,
             contact=contact,
         )
+
+    def _stretch(self, torque: _Torque) -> float:
+        """By how much the tendons are longer under a torque, as an angle of the outer link."""
+        return self.settings.tendon_compliance_rad_per_nm * torque.value_nm
+
+    def _see_squeeze(self, readings: Mapping[int, FingerReading]) -> None:
+        """Let the tendons' play be seen: all fingers that touch, as one squeeze."""
+        touching = tuple(f for f in FINGERS if readings[f].contact.flags & FLAG_CONTACT)
+        way, push, arms, stretch = 0.0, 0.0, 0.0, 0.0
+        for finger in touching:
+            reading = readings[finger]
+            own = self.settings.tendon_compliance_rad_per_nm * reading.torque_nm
+            # Without the play that is already known: the loop is to show all of it.
+            way += reading.contact.travel_m + reading.arm_m * (self._bend_rad[finger] - own)
+            push += float(reading.contact.force @ reading.contact.normal) / len(touching)
+            arms += reading.arm_m
+            stretch += own / len(touching)
+        self.tendons.see(touching, Squeezing(push, way, arms, stretch))
 
     def _normal(
         self, finger: int, frames: FingerFrames, ends: Mapping[int, Array]

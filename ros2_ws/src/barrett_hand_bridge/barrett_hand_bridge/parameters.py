@@ -197,6 +197,14 @@ _DECLARED = (
         'tendon_compliance', 0.02, 'stretch of the tendons at joint 3 (rad per N m)', 0.0, 0.2
     ),
     Parameter('tendon_sigma', 0.004, 'its standard deviation (rad per N m)', 0.0, 0.2),
+    Parameter(
+        'tendon_play',
+        0.0035,
+        'play of the tendons to be expected either way until the release of a hard squeeze has '
+        'shown it (rad)',
+        0.0,
+        0.1,
+    ),
     Parameter('follow_drift', True, 'follow the gauge zeros while the fingers are free'),
     Parameter('servo_sample_time', 0.01, 'servo sample of the BH8-262 (s)', 0.001, 0.1),
     Parameter(

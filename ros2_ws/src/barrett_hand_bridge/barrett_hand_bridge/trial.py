@@ -46,9 +46,13 @@ class ForceError:
 
 @dataclass(frozen=True)
 class TravelError:
-    """How far two opposed fingers have come since first touch, together, against the truth. m."""
+    """How far two opposed fingers have come since first touch, together, against the truth. m.
+
+    releases: how many the driver had seen before, by which it knows the play of the tendons.
+    """
 
     seed: int
+    releases: int
     true_m: float
     error_m: float
     sigma_m: float
@@ -160,17 +164,23 @@ class Trial:
     def close_slowly(self, force_n: float, steps: int = 60, samples: int = 3) -> list[TravelError]:
         """Close to a force step by step, looking at every step; how far have the pins travelled?
 
-        Where the object hangs between two pins, only what both travel together squeezes it.
+        Where the object hangs between two pins, only what both travel together squeezes it. The
+        hand opens by the same steps.
         """
         start = dict(self.open)
         self.mechanics.place(start)
         self.mechanics.close_to_force(force_n, (1, 2))
         end = {finger: self.mechanics.motors[finger].position for finger in (1, 2)}
-        for step in range(steps + 1):
+
+        def look(step: int) -> None:
             share = step / steps
             here = {f: (1.0 - share) * start[f] + share * end[f] for f in end}
             self.mechanics.place({**start, **here})
             self.observer.observe(self.sample())
+
+        releases = self.observer.tendons.releases
+        for step in range(steps + 1):
+            look(step)
         errors = []
         for _ in range(samples):
             observation = self.observer.observe(self.sample())
@@ -179,12 +189,14 @@ class Trial:
             errors.append(
                 TravelError(
                     self.seed,
+                    releases,
                     true,
                     sum(contact.travel_m for contact in contacts) - true,
                     math.hypot(*(contact.sigma_travel_m for contact in contacts)),
                 )
             )
-        self.mechanics.place(start)
+        for step in reversed(range(steps)):
+            look(step)
         return errors
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,16 @@ def grasp_document(shell: TheorySet, row: Row) -> dict[str, Any]:
         model = model.on_contacts(patches)
     count = len(patches)
     grasp = read_contacts(model, patches, state, FRICTION)
+    felt = row.contacts.felt
+    if felt is not None:
+        # A wall that has relaxed is pressed with less at the same shape: all of it goes down.
+        share = felt / row.contacts.push
+        grasp = replace(
+            grasp,
+            push=share * grasp.push,
+            tangential=share[:, None] * grasp.tangential,
+            spin=share * grasp.spin,
+        )
     try:
         response = read_response(EquilibriumSolver(model), patches, state, grasp)
         wall = wall_reader(model, patches).at(state.unknowns, state.force, state.displacement)

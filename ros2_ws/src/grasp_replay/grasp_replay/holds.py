@@ -42,6 +42,8 @@ class HeldContacts:
         push: (k,) along the normal [N]. sigma: (k,) of the push [N]. radius: (k,) [m].
         travel: (k,) since first touch [m], NaN where unknown.
         samples: how many were averaged. saturated: whether a gauge was at its end.
+        felt: (k,) push that the gauges felt of a wall that relaxes, where `push` is what an
+            elastic one would have needed; None where the two are one.
     """
 
     finger: NDArray[np.int64]
@@ -53,6 +55,7 @@ class HeldContacts:
     travel: Array
     samples: int
     saturated: bool
+    felt: Array | None = None
 
     def touches(self) -> tuple[Touch, ...]:
         """The contacts as the solver's tracker takes them."""

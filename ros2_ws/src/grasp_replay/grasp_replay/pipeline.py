@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from grasp_replay.experiment import Experiment, read_experiment
 from grasp_replay.holds import HeldContacts, Hold, holds_of
 from grasp_replay.placement import placement
 from grasp_replay.recording import Recording, bag_sha256, read_recording
+from grasp_replay.relaxed import HoldTrace, elastic_recording, hold_trace
 from grasp_replay.theories import THEORIES, Solved, TheorySet, theory_set
 from scan_compare.comparison import Comparison, ComparisonError, Setup, compare
 from scan_compare.registration import RegistrationError
@@ -31,6 +33,7 @@ from shell_deform.contact.loads import ContactPatch
 from shell_deform.live.pose import Pose
 from shell_deform.solve.equilibrium import Equilibrium
 from shell_deform.theory import THICK
+from shell_deform.theory.relaxation import Relaxation
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
@@ -80,8 +83,9 @@ class Row:
 
     @property
     def force(self) -> float:
-        """Mean push of the fingers [N]."""
-        return float(self.contacts.push.mean())
+        """Mean push of the fingers, as their gauges felt it [N]."""
+        felt = self.contacts.felt
+        return float((self.contacts.push if felt is None else felt).mean())
 
     @property
     def reference(self) -> Comparison:
@@ -106,6 +110,18 @@ class Outcome:
     rows: tuple[Row, ...]
     pose: Pose | None = None
 
+    @cached_property
+    def holds(self) -> tuple[tuple[int, HoldTrace], ...]:
+        """The holds as they were felt and predicted, with the numbers of their rows.
+
+        None of a wall that does not relax.
+        """
+        law = self.shell.shell.relaxation
+        if law is None:
+            return ()
+        found = ((row.number, hold_trace(self.recording, row.hold, law)) for row in self.rows)
+        return tuple((number, trace) for number, trace in found if trace is not None)
+
 
 def run(
     bag: Path, options: PipelineOptions, show: Progress = lambda _share, _note: None
@@ -126,6 +142,7 @@ def run(
         raise BagError(f'{bag} holds no scan under load, so there is nothing to compare')
     show(0.05, 'meshing')
     shell = _meshed(name, held[0], options)
+    holds = _elastic(holds, recording, experiment, place.pose, shell.shell.relaxation)
     notes = (*recording.notes, *place.notes)
     holds = tuple(_welded(hold, shell, notes) for hold in holds)
     held = [hold for hold in holds if hold.contacts is not None]
@@ -189,6 +206,25 @@ def _welded(hold: Hold, shell: TheorySet, notes: tuple[str, ...]) -> Hold:
     except ScanFileError as error:
         raise BagError(str(error)) from error
     return replace(hold, points=scan.points, notes=(*notes, *scan.notes))
+
+
+def _elastic(
+    holds: tuple[Hold, ...],
+    recording: Recording,
+    experiment: Experiment,
+    pose: Pose | None,
+    law: Relaxation | None,
+) -> tuple[Hold, ...]:
+    """The holds with the pushes that a wall which does not relax would have needed."""
+    if law is None:
+        return holds
+    needed = holds_of(elastic_recording(recording, law), experiment, pose)
+    return tuple(
+        hold
+        if felt.contacts is None or hold.contacts is None
+        else replace(hold, contacts=replace(hold.contacts, felt=felt.contacts.push))
+        for hold, felt in zip(needed, holds, strict=True)
+    )
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from grasp_replay import scenes
 from grasp_replay.errors import BagError
 from grasp_replay.experiment import published_source
 from grasp_replay.grasp_section import grasp_sections
+from grasp_replay.hold_section import hold_sections
 from grasp_replay.pipeline import Outcome, PipelineOptions, run
 from grasp_replay.published import published_predictions, published_table
 from grasp_replay.report import ReportError, write_report
@@ -130,7 +131,7 @@ def _page(
             linearity=None if trace is None else scenes.linearity(trace),
             timings=timings,
             bands=scenes.bands(outcome, curves),
-            sections=grasp_sections(rows),
+            sections=[*hold_sections(outcome.holds), *grasp_sections(rows)],
         )
     except ReportError as error:
         raise BagError(f'the report page cannot be made: {error}') from error

@@ -51,7 +51,7 @@ TABLE = (
 
 def document(outcome: Outcome, published: list[dict[str, Any]]) -> dict[str, Any]:
     """The document of `results.json`; `published` are rows of `published_predictions`."""
-    shell = outcome.shell.shell
+    shell, holds = outcome.shell.shell, dict(outcome.holds)
     return {
         'bag_sha256': outcome.bag_sha256,
         'experiment': outcome.experiment.name,
@@ -70,7 +70,11 @@ def document(outcome: Outcome, published: list[dict[str, Any]]) -> dict[str, Any
         'scanner_sigma_m': outcome.experiment.scanner_sigma,
         'samples': len(outcome.recording.samples),
         'rows': [
-            {**row_document(row), 'grasp': grasp_document(outcome.shell, row)}
+            {
+                **row_document(row),
+                **({'hold': holds[row.number].to_json()} if row.number in holds else {}),
+                'grasp': grasp_document(outcome.shell, row),
+            }
             for row in outcome.rows
         ],
         'published': published,
@@ -80,7 +84,7 @@ def document(outcome: Outcome, published: list[dict[str, Any]]) -> dict[str, Any
 def row_document(row: Row) -> dict[str, Any]:
     """One row: load, measured displacement, registration, and the statistics of each theory."""
     reference = row.reference.to_json()
-    contacts = row.contacts
+    contacts, felt = row.contacts, row.contacts.felt
     return {
         'row': row.number,
         'published_row': row.hold.entry.published_row,
@@ -88,7 +92,8 @@ def row_document(row: Row) -> dict[str, Any]:
         'contacts': [
             {
                 'finger': int(contacts.finger[k]),
-                'force_n': float(contacts.push[k]),
+                'force_n': float(contacts.push[k] if felt is None else felt[k]),
+                **({} if felt is None else {'elastic_force_n': float(contacts.push[k])}),
                 'force_sigma_n': float(contacts.sigma[k]),
                 'radius_m': float(contacts.radius[k]),
                 'at_rest_m': row.patches[k].point.tolist(),

@@ -18,6 +18,7 @@ from shell_deform.live.background.contact_tracking import ContactTracker, Touch
 from shell_deform.live.background.small_loads import SmallLoads, small_loads
 from shell_deform.live.background.tracking import EquilibriumTracker
 from shell_deform.live.pose import IDENTITY, Pose
+from shell_deform.live.tick.hold import ForceMemory
 from shell_deform.live.tick.linearity import linear_error
 from shell_deform.live.tick.sample import ContactSample, SampleError
 
@@ -27,8 +28,8 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class SampleTrace:
     """One value per sample (n,): time [s] since the bag's start, fingers in contact, mean push
-    [N], largest displacement by linear theory [m], and the share of it that linear theory misses
-    or invents [-]. `refused` samples carried numbers no contact can have.
+    [N] as felt, largest displacement by linear theory [m], and the share of it that linear theory
+    misses or invents [-]. `refused` samples carried numbers no contact can have.
     """
 
     time_s: Array
@@ -46,17 +47,20 @@ def trace_samples(recording: Recording, shell: TheorySet, pose: Pose | None = No
     values = np.zeros((5, count))
     refused = 0
     poses = _poses(recording, pose)
+    law = shell.shell.relaxation
+    memory = None if law is None else ForceMemory(law)
     for i, sample in enumerate(recording.samples):
         values[0, i] = (sample.stamp - recording.start) * 1e-9
         try:
-            touching = in_object_frame(usable(sample), poses[i])
+            felt = usable(sample)
         except SampleError:
             refused += 1
             continue
-        values[1, i] = len(touching.finger)
-        if len(touching.finger):
-            values[2, i] = touching.push.mean()
-            values[3:, i] = loop.serve(touching)
+        needed = felt if memory is None else memory.elastic(felt)
+        values[1, i] = len(felt.finger)
+        if len(felt.finger):
+            values[2, i] = felt.push.mean()
+            values[3:, i] = loop.serve(in_object_frame(needed, poses[i]))
     return SampleTrace(
         values[0], values[1].astype(np.int64), values[2], values[3], values[4], refused
     )

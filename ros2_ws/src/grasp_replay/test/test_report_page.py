@@ -266,6 +266,17 @@ def test_a_report_without_shapes_still_has_its_table(tmp_path: Path, results: di
     assert 'id="comparison"' in text
 
 
+def test_a_theory_that_was_left_out_is_left_out_of_the_errors(
+    tmp_path: Path, results: dict
+) -> None:
+    rows = [
+        {**row, 'theories': {**row['theories'], 'thick': {'mean_error_m': None}}}
+        for row in results['rows']
+    ]
+    path = write_report({**results, 'rows': rows}, [], tmp_path, {'object': 'ball'})
+    assert 'koiter mean error' in path.read_text()
+
+
 def test_one_scene_too_few_is_refused(
     tmp_path: Path, scenes: list[RowScene], results: dict
 ) -> None:

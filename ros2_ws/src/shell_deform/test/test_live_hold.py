@@ -128,8 +128,8 @@ def _sample(time, push):
 
 
 def test_the_force_of_later_is_that_of_the_law():
-    law = law_of(0.03)
-    memory = ForceMemory(law)
+    memory = ForceMemory(law_of(0.03))
+    law = memory.law
     for time in (0.0, 1.0, 60.0):
         push = 10.0 * float(law(time))
         elastic = memory.elastic(_sample(1.0 + time, push))
@@ -140,6 +140,15 @@ def test_the_force_of_later_is_that_of_the_law():
         assert row[2] == pytest.approx(10.0 * float(law(60.0 + row[1])), rel=1e-6)
     assert (np.diff(later[::2, 3]) > 0.0).all()
     assert later[-1, 3] > 10.0 * 0.03 * 0.5  # an hour is beyond the thousand seconds known
+
+
+def test_a_law_in_the_logarithm_of_time_goes_on_beyond_its_range():
+    law = log_law(0.03, 0.01, 100.0)
+    for time in (600.0, 3600.0, 9e4):
+        assert float(ForceMemory(law).law(time)) == pytest.approx(
+            1.0 - 0.03 * np.log10(time / 0.01), abs=1e-4
+        )
+    assert ForceMemory(law).law.last == law.last
 
 
 def test_a_finger_that_drops_out_for_a_sample_is_still_in_its_grasp():

@@ -50,7 +50,8 @@ THEORY_LINES: dict[str, tuple[str, str]] = {
 }
 
 
-def _figure(width: float, height: float) -> Figure:
+def figure_of(width: float, height: float) -> Figure:
+    """An empty figure [inches] that draws without a screen."""
     figure = Figure(figsize=(width, height), dpi=110)
     FigureCanvasAgg(figure)
     return figure
@@ -161,7 +162,7 @@ def _arrows(axes: Axes, camera: Camera, scene: RowScene, length: float) -> None:
 def triptych(scene: RowScene, tops: ErrorScales) -> Figure:
     """Scan, nonlinear, linear from one camera; the error in colour, each theory's own scale."""
     camera = dent_camera(scene)
-    figure = _figure(11.0, 4.35)
+    figure = figure_of(11.0, 4.35)
     flat, _ = camera.project(np.concatenate([scene.rest, scene.nonlinear, scene.linear]))
     reach = 1.10 * float(np.abs(flat).max()) * MILLI
     radius = seen_radius(scene)
@@ -234,7 +235,7 @@ def _scan(figure: Figure, axes: Axes, camera: Camera, scene: RowScene) -> None:
 def profile(scene: RowScene) -> Figure:
     """The cut through the first contact: rest, scan, nonlinear, linear."""
     section = dent_section(scene)
-    figure = _figure(5.2, 3.1)
+    figure = figure_of(5.2, 3.1)
     axes = figure.add_axes((0.13, 0.15, 0.84, 0.77))
     scan = thinned(section.scan, PROFILE_POINTS) * MILLI
     axes.scatter(
@@ -273,7 +274,7 @@ def profile(scene: RowScene) -> Figure:
 
 def force_displacement(curves: Sequence[Curve]) -> Figure:
     """Force per contact over displacement, each curve with its kind and its band."""
-    figure = _figure(8.0, 4.6)
+    figure = figure_of(8.0, 4.6)
     axes = figure.add_axes((0.08, 0.12, 0.90, 0.84))
     others = iter(colormaps['cividis'](np.linspace(0.2, 0.9, max(len(curves), 1))))
     styles = cycle([(0, (5, 1, 1, 1)), (0, (1, 1)), (0, (8, 2))])
@@ -313,7 +314,7 @@ def force_displacement(curves: Sequence[Curve]) -> Figure:
 
 def mean_errors(lines: Sequence[ErrorLine]) -> Figure:
     """Mean error of scan to surface over the force: the published ones and ours."""
-    figure = _figure(8.0, 3.8)
+    figure = figure_of(8.0, 3.8)
     axes = figure.add_axes((0.09, 0.14, 0.89, 0.82))
     for line in lines:
         colour, style = THEORY_LINES.get(line.theory, ('black', (0, (1, 1))))
@@ -336,7 +337,7 @@ def mean_errors(lines: Sequence[ErrorLine]) -> Figure:
 
 def linearity(trace: LinearityTrace) -> Figure:
     """The predicted relative error of linear theory over the recording."""
-    figure = _figure(8.0, 3.2)
+    figure = figure_of(8.0, 3.2)
     axes = figure.add_axes((0.09, 0.17, 0.81, 0.79))
     axes.plot(
         trace.time_s, 100 * trace.linearity, color=NONLINEAR, label='gauge of the transition'

@@ -159,8 +159,9 @@ def _error_plot(
     ours = [(row, row['theories']) for row in rows]
     for name in theories:
         known = [(float(row['force_n']), found[name]) for row, found in ours if name in found]
-        pairs = np.array([(force, found['mean_error_m']) for force, found in known])
-        lines.append(ErrorLine(name, name, kind, pairs[:, 0], pairs[:, 1]))
+        pairs = np.array([(force, found['mean_error_m']) for force, found in known], dtype=float)
+        if np.isfinite(pairs).any(axis=0).all():
+            lines.append(ErrorLine(name, name, kind, pairs[:, 0], pairs[:, 1]))
     floors = [(float(row['force_n']), row.get('noise_floor_m')) for row in rows]
     floor = np.array([pair for pair in floors if pair[1] is not None]).reshape(-1, 2)
     if len(floor):

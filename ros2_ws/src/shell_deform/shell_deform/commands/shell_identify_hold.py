@@ -11,11 +11,14 @@ import numpy as np
 
 from grasp_common.terminal import print_table, say
 from shell_deform.commands.console import CommandError, print_json
-from shell_deform.identify.relaxation import NINETY, HeldPushes, RelaxationFit, fit_relaxation
+from shell_deform.identify.relaxation import (
+    COUNT_N,
+    NINETY,
+    HeldPushes,
+    RelaxationFit,
+    fit_relaxation,
+)
 from shell_deform.objects import load_object
-
-COUNT_N = 0.2
-"""A count of the 8-bit gauge at 50 mm [N]."""
 
 
 def relaxation_from(options: argparse.Namespace) -> None:

@@ -38,6 +38,10 @@ FREE_DRIFT_N = 100.0
 SEPARABLE = 0.25
 SMALL_SHARE = 0.005
 NINETY = 1.6448536269514722
+COUNT_N = 0.2
+"""A count of the 8-bit gauge at 50 mm [N]."""
+DRIFT_N = 0.02
+"""Drift of its zero in a root minute, a tenth of a count [N]."""
 
 
 @dataclass(frozen=True)

@@ -12,18 +12,22 @@ what it carries is taken as wall: 0.06 mm after ten minutes of that.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.live.tick.sample import ContactSample
-from shell_deform.theory.relaxation import Heredity, Relaxation, step_of
+from shell_deform.theory.relaxation import Heredity, Relaxation, RelaxationError, step_of
 
 Array = NDArray[np.float64]
 
 LATER_S = (10.0, 60.0, 600.0, 3600.0)
 """How much later the force is told [s]."""
+
+LONGEST_HOLD_S = 1e5
+"""So long a law in the logarithm of time goes on beyond its range [s]."""
 
 ANEW_S = 1.0
 """A finger that was away longer begins another hold; the wall still remembers the first one."""
@@ -35,7 +39,7 @@ class ForceMemory:
     """What the fingers have pushed with since time last jumped; one sample after the other."""
 
     def __init__(self, law: Relaxation) -> None:
-        self.law = law
+        self.law = _lasting(law)
         self.forget()
 
     def forget(self) -> None:
@@ -124,10 +128,10 @@ class ForceMemory:
         touching = self._began[self._seen == self._stamp]
         return 1e-9 * float(self._last_stamp - touching.min()) if len(touching) else 0.0
 
-    def later(self) -> NDArray[np.float32]:
+    def later(self, times: Sequence[float] = LATER_S) -> NDArray[np.float32]:
         """(r, 4) `LATER_FIELDS`: what each finger will feel if it stays where it is [s, N].
 
-        Sigma is of the gauge now, and of the law from now on.
+        For each of `times` [s] from now. Sigma is of the gauge now, and of the law from now on.
         """
         sample = self._measured
         if sample is None:
@@ -135,7 +139,7 @@ class ForceMemory:
         index = np.searchsorted(self._fingers, sample.finger)
         age = np.maximum(1e-9 * (sample.stamp - self._began[index]), 0.0)
         rows: list[Array] = []
-        for later in LATER_S:
+        for later in times:
             step = step_of(self.law, later)
             force = (step.now * self._memory.elastic + self._memory.held(step))[index]
             push = np.einsum('pi,pi->p', force, sample.normal)
@@ -143,6 +147,15 @@ class ForceMemory:
             sigma = np.hypot(sample.sigma_normal, np.abs(push) * np.array(relative))
             rows.extend(np.stack([sample.finger, np.full(len(push), later), push, sigma], axis=1))
         return np.array(rows, np.float32).reshape(-1, len(LATER_FIELDS))
+
+
+def _lasting(law: Relaxation) -> Relaxation:
+    """The law with terms for a long hold and what is told of later; its range stays as known."""
+    try:
+        return law.covering(LONGEST_HOLD_S)
+    except RelaxationError:
+        # It would leave nothing of the wall by then: it ends where it is known to.
+        return law
 
 
 def _ratio(force: Array, over: Array) -> Array:

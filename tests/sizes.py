@@ -20,7 +20,6 @@ FOLDERS = ('ros2_ws/src', 'bags', 'docs', 'tests')
 KERNEL = 'compiled kernel: arrays one by one, loops that numba fuses'
 TWIN = 'twin of a compiled kernel, line by line'
 SHELL = 'ros2_ws/src/shell_deform/shell_deform'
-LISTED = 'larger than the house allows, listed until it is parted'
 EXEMPT = {
     **dict.fromkeys(
         (
@@ -63,14 +62,6 @@ EXEMPT = {
             f'{SHELL}/surface/closest_point_plain.py::_take',
         ),
         TWIN,
-    ),
-    **dict.fromkeys(
-        (
-            'ros2_ws/src/barrett_hand_bridge/barrett_hand_bridge/puck/driver.py::__init__',
-            'ros2_ws/src/grasp_replay/grasp_replay/report/write.py::write_report',
-            f'{SHELL}/objects/prepare.py::prepare',
-        ),
-        LISTED,
     ),
 }
 

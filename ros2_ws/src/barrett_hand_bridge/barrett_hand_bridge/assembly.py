@@ -19,7 +19,7 @@ from barrett_hand_bridge.kinematics import HandGeometry, Pin
 from barrett_hand_bridge.motion import CloseSettings
 from barrett_hand_bridge.observer import HandObserver, ObserverSettings
 from barrett_hand_bridge.puck.bus import open_bus
-from barrett_hand_bridge.puck.driver import LATE_S, CanHand
+from barrett_hand_bridge.puck.driver import LATE_S, CanHand, PuckOptions
 from barrett_hand_bridge.puck.frames import HandAddresses
 from barrett_hand_bridge.stop_guard import guard_can, guard_serial
 from barrett_hand_bridge.zero import DRIFT_8_BIT, DRIFT_12_BIT
@@ -78,10 +78,12 @@ def make_hand(
         return CanHand(
             lambda: open_bus(values['interface'], values['channel'], values['can_port']),
             clock_ns=clock_ns,
-            touch=values['touch'],
-            addresses=HandAddresses((first, second, third, spread), values['can_group']),
-            inner_encoders=values['inner_encoders'],
-            motor_torque=values['motor_torque'],
+            options=PuckOptions(
+                touch=values['touch'],
+                addresses=HandAddresses((first, second, third, spread), values['can_group']),
+                inner_encoders=values['inner_encoders'],
+                motor_torque=values['motor_torque'],
+            ),
             prefetch=period_s == 0.0,
             late_s=LATE_S if late_s is None else max(late_s, LATE_S),
             guard=lambda: guard_can(

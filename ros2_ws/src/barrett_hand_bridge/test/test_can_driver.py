@@ -17,7 +17,7 @@ from barrett_hand_bridge.emulator.mechanics import SCALE_280, HandBody, HandMech
 from barrett_hand_bridge.hand import HandError, HandNotInitialisedError
 from barrett_hand_bridge.puck import driver, homing
 from barrett_hand_bridge.puck.bus import open_bus
-from barrett_hand_bridge.puck.driver import CanHand
+from barrett_hand_bridge.puck.driver import CanHand, PuckOptions
 from barrett_hand_bridge.puck.frames import HandAddresses
 from barrett_hand_bridge.puck.pucks import Pucks
 
@@ -45,7 +45,7 @@ def bench(quick):
         first_node=11,
         channel=None,
         prepare=lambda emulated: None,
-        **options,
+        **driver_options,
     ):
         emulated = EmulatedHand(
             HandMechanics(HandBody(scale=SCALE_280), seed),
@@ -59,7 +59,7 @@ def bench(quick):
             lambda: can.Bus(interface='virtual', channel=channel),
         )
         port.start()
-        hand = CanHand(lambda: open_bus('virtual', channel), **options)
+        hand = CanHand(lambda: open_bus('virtual', channel), **driver_options)
         hand.strike = port.faults.strike
         started.append((hand, port))
         return hand, emulated
@@ -236,7 +236,7 @@ def test_garbled_frames_are_counted_not_believed(bench):
 
 
 def test_full_touch_frames_arrive_cell_by_cell(bench):
-    hand, emulated = bench(touch='full', touch_every=1)
+    hand, emulated = bench(options=PuckOptions(touch='full', touch_every=1))
     hand.connect()
     hand.initialize()
     hand.sample(None)
@@ -248,7 +248,7 @@ def test_full_touch_frames_arrive_cell_by_cell(bench):
 
 
 def test_top_10_touch_frames_arrive_in_whole_newtons(bench):
-    hand, emulated = bench(touch='top10', touch_every=1)
+    hand, emulated = bench(options=PuckOptions(touch='top10', touch_every=1))
     hand.connect()
     hand.initialize()
     hand.sample(None)
@@ -324,7 +324,7 @@ def test_a_finger_under_position_control_still_travels_unless_it_holds(bench):
 
 
 def test_velocity_mode_gets_its_stall_time_and_limits_and_gives_them_back(bench):
-    hand, emulated = bench(prefetch=False, motor_torque=1500)
+    hand, emulated = bench(prefetch=False, options=PuckOptions(motor_torque=1500))
     hand.connect()
     hand.initialize()
     hand.sample({1: 2.5})
@@ -411,7 +411,7 @@ def test_error_frames_are_counted_and_told_with_the_terminator(quick):
 
 
 def test_broken_inner_encoders_can_be_left_out(bench):
-    hand, emulated = bench(inner_encoders=False)
+    hand, emulated = bench(options=PuckOptions(inner_encoders=False))
     hand.connect()
     hand.initialize()
     emulated.mechanics.place({2: 80_000.0})
@@ -442,9 +442,9 @@ def test_what_each_motor_says_of_itself_comes_round_once_a_second(bench):
 
 def test_two_hands_on_one_bus_do_not_disturb_each_other(bench):
     channel = next(channels)
-    addresses = HandAddresses((21, 22, 23, 24), 17)
+    own = PuckOptions(addresses=HandAddresses((21, 22, 23, 24), 17))
     left, left_hand = bench(channel=channel)
-    right, right_hand = bench(channel=channel, first_node=21, addresses=addresses, seed=2)
+    right, right_hand = bench(channel=channel, first_node=21, options=own, seed=2)
     for hand in (left, right):
         hand.connect()
         hand.initialize()
@@ -462,7 +462,7 @@ def test_touch_cells_are_tared_when_the_hand_is_open(bench):
     def press(emulated):
         emulated.pressures[2][7] = 3.5
 
-    hand, emulated = bench(prepare=press, touch='full', touch_every=1)
+    hand, emulated = bench(prepare=press, options=PuckOptions(touch='full', touch_every=1))
     hand.connect()
     hand.initialize()
     hand.sample(None)
@@ -473,7 +473,7 @@ def test_touch_cells_are_tared_when_the_hand_is_open(bench):
 
 
 def test_touch_cells_that_did_not_start_are_told_and_not_believed(bench):
-    hand, emulated = bench(touch='full', touch_every=1)
+    hand, emulated = bench(options=PuckOptions(touch='full', touch_every=1))
     emulated.touch_broken.add(2)
     assert 'finger 2 (node 12) did not start' in hand.connect().warnings[0]
     hand.initialize()

@@ -21,7 +21,7 @@ from grasp_replay.grasp_section import grasp_sections
 from grasp_replay.hold_section import hold_sections
 from grasp_replay.pipeline import Outcome, PipelineOptions, run
 from grasp_replay.published import published_predictions, published_table
-from grasp_replay.report import ReportError, write_report
+from grasp_replay.report import Report, ReportError, write_report
 from grasp_replay.results import csv_text, document, json_text, write_file
 from grasp_replay.sample_trace import SampleTrace, trace_csv, trace_samples
 
@@ -120,10 +120,9 @@ def _page(
     numbers = {scene.key for scene in drawn}
     rows = [row for row in results['rows'] if f'row_{row["row"]}' in numbers]
     try:
-        write_report(
+        report = Report(
             {**results, 'rows': rows},
             drawn,
-            folder,
             provenance(outcome, results),
             published=scenes.published_rows(published, outcome.shell.shell.name),
             published_in=source,
@@ -133,6 +132,7 @@ def _page(
             bands=scenes.bands(outcome, curves),
             sections=[*hold_sections(outcome.holds), *grasp_sections(rows)],
         )
+        write_report(report, folder)
     except ReportError as error:
         raise BagError(f'the report page cannot be made: {error}') from error
 

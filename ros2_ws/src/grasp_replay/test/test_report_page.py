@@ -17,6 +17,7 @@ from grasp_replay.report import (
     Curve,
     LinearityTrace,
     PublishedRow,
+    Report,
     ReportError,
     RowScene,
     Section,
@@ -131,10 +132,9 @@ PROVENANCE = {
 @pytest.fixture(scope='module')
 def page(tmp_path_factory: pytest.TempPathFactory, scenes: list[RowScene], results: dict) -> Path:
     time = np.linspace(0, 30, 200)
-    return write_report(
+    report = Report(
         results,
         scenes,
-        tmp_path_factory.mktemp('report'),
         PROVENANCE,
         published=PUBLISHED,
         published_in={'authors': 'A. Author', 'year': 2009, 'title': 'Shells', 'doi': '10.1/x'},
@@ -158,6 +158,7 @@ def page(tmp_path_factory: pytest.TempPathFactory, scenes: list[RowScene], resul
         linearity=LinearityTrace(time, np.abs(np.sin(time)) * 0.3, np.abs(np.sin(time)) * 5e-3),
         timings={'koiter': 1.234},
     )
+    return write_report(report, tmp_path_factory.mktemp('report'))
 
 
 def test_published_and_our_numbers_stand_in_differently_marked_cells(page: Path) -> None:
@@ -208,7 +209,7 @@ def test_a_published_row_that_was_not_recorded_is_kept_with_dashes(page: Path) -
 def test_a_difference_within_the_noise_floor_is_not_made_bold(
     tmp_path: Path, scenes: list[RowScene], results: dict
 ) -> None:
-    text = write_report(results, scenes, tmp_path, {}).read_text()
+    text = write_report(Report(results, scenes, {}), tmp_path).read_text()
     first, second = (
         next(part for part in text.split('<tr>') if f'>{scene.force_n:.2f}</td>' in part)
         for scene in scenes
@@ -218,7 +219,7 @@ def test_a_difference_within_the_noise_floor_is_not_made_bold(
 
 def test_verdicts_stand_under_the_table(tmp_path: Path, results: dict) -> None:
     rows = [{**row, 'verdict': 'no verdict: within the floor'} for row in results['rows']]
-    text = write_report({**results, 'rows': rows}, [], tmp_path, {}).read_text()
+    text = write_report(Report({**results, 'rows': rows}, [], {}), tmp_path).read_text()
     assert text.count('no verdict: within the floor') == 2
 
 
@@ -233,8 +234,8 @@ def test_the_page_asks_the_network_for_nothing_and_is_small(page: Path) -> None:
 def test_the_same_input_gives_the_same_bytes(
     page: Path, tmp_path: Path, scenes: list[RowScene], results: dict
 ) -> None:
-    first = write_report(results, scenes, tmp_path / 'a', PROVENANCE)
-    second = write_report(results, scenes, tmp_path / 'b', PROVENANCE)
+    first = write_report(Report(results, scenes, PROVENANCE), tmp_path / 'a')
+    second = write_report(Report(results, scenes, PROVENANCE), tmp_path / 'b')
     assert first.read_bytes() == second.read_bytes()
     for scene in scenes:
         name = f'pictures/{scene.key}.png'
@@ -245,9 +246,8 @@ def test_text_from_outside_is_escaped(
     tmp_path: Path, scenes: list[RowScene], results: dict
 ) -> None:
     row = replace(scenes[0], title='<script>alert(1)</script>')
-    path = write_report(
-        {**results, 'rows': results['rows'][:1]}, [row], tmp_path, {'note': '</script><b>'}
-    )
+    one = {**results, 'rows': results['rows'][:1]}
+    path = write_report(Report(one, [row], {'note': '</script><b>'}), tmp_path)
     text = path.read_text()
     assert '<script>alert' not in text and '</script><b>' not in text
 
@@ -256,13 +256,13 @@ def test_a_section_of_another_module_stands_between_table_and_rows(
     tmp_path: Path, results: dict
 ) -> None:
     section = Section('other', 'R & D', Markup('<p>made elsewhere</p>'))
-    text = write_report(results, [], tmp_path, {}, sections=[section]).read_text()
+    text = write_report(Report(results, [], {}, sections=[section]), tmp_path).read_text()
     assert '<h2 id="other">R &amp; D</h2>\n<p>made elsewhere</p>' in text
     assert text.index('id="comparison"') < text.index('id="other"') < text.index('row-by-row')
 
 
 def test_a_report_without_shapes_still_has_its_table(tmp_path: Path, results: dict) -> None:
-    text = write_report(results, [], tmp_path, {}).read_text()
+    text = write_report(Report(results, [], {}), tmp_path).read_text()
     assert 'id="comparison"' in text
 
 
@@ -281,7 +281,7 @@ def test_one_scene_too_few_is_refused(
     tmp_path: Path, scenes: list[RowScene], results: dict
 ) -> None:
     with pytest.raises(ReportError, match='1 scenes for 2 rows'):
-        write_report(results, scenes[:1], tmp_path, {})
+        write_report(Report(results, scenes[:1], {}), tmp_path)
 
 
 @pytest.mark.parametrize(

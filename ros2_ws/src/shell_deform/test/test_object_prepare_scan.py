@@ -161,13 +161,14 @@ def test_a_wall_of_varying_thickness_is_halved_where_it_is():
 
 
 def test_contacts_are_refined():
+    from shell_deform.objects.prepare import Refinement
+
     place = np.array([[0.0, 0.0, scans.potato_radius(np.array([[0, 0, 1.0]]))[0]]])
     found = prepared(
         *scans.potato(5, 2e-5),
         H,
         control_vertices=600,
-        refine_at=place,
-        refine_edge=lambda surface: 0.0016,
+        refinement=Refinement(place, lambda surface: 0.0016),
     )
     mesh = found.fit.mesh
     ends = mesh.vertices[mesh.edges]

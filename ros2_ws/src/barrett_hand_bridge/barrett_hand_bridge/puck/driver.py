@@ -7,6 +7,7 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import can
 
@@ -53,6 +54,24 @@ NOT_INITIALISED = (
 )
 
 
+@dataclass(frozen=True)
+class PuckOptions:
+    """What a hand has and what it is asked for.
+
+    Attributes:
+        touch: `none`, `top10` or `full`, asked for in every `touch_every`-th cycle.
+        addresses: of the pucks on the bus.
+        inner_encoders: false where those of the inner links do not work, as on some hands.
+        motor_torque: MT, the highest torque of a motor, in the puck's own units.
+    """
+
+    touch: str = 'none'
+    touch_every: int = 10
+    addresses: HandAddresses = field(default_factory=HandAddresses)
+    inner_encoders: bool = True
+    motor_torque: int = MOTOR_TORQUE
+
+
 class CanHand:
     """A BH8-280 or BH8-282. One thread uses it; `abort` may come from another."""
 
@@ -61,29 +80,18 @@ class CanHand:
         open_line: Callable[[], can.BusABC],
         *,
         clock_ns: Callable[[], int] = time.time_ns,
-        touch: str = 'none',
-        touch_every: int = 10,
-        addresses: HandAddresses | None = None,
-        inner_encoders: bool = True,
-        motor_torque: int = MOTOR_TORQUE,
+        options: PuckOptions | None = None,
         prefetch: bool = True,
         late_s: float = LATE_S,
         guard: Callable[[], Guard] | None = None,
     ) -> None:
-        """A driver that is not connected yet.
-
-        `touch`: `none`, `top10` or `full`, asked for in every `touch_every`-th cycle.
-        `inner_encoders`: false where those of the inner links do not work, as on some hands.
-        `motor_torque`: MT, the highest torque of a motor, in the puck's own units.
-        """
+        """A driver that is not connected yet."""
+        options = options or PuckOptions()
         self.late: Callable[[], None] = lambda: None
         self._open_line = open_line
         self._clock_ns = clock_ns
-        self._touch = touch
-        self._touch_every = touch_every
-        self._addresses = addresses or HandAddresses()
-        self._inner_encoders = inner_encoders
-        self._commands = VelocityCommands(motor_torque)
+        self._options = options
+        self._commands = VelocityCommands(options.motor_torque)
         self._prefetch = prefetch
         self._late_s = late_s
         self._make_guard = guard
@@ -111,7 +119,7 @@ class CanHand:
             HandError: no bus, pucks that do not answer, or no hand.
         """
         self.close()
-        pucks = self._pucks = Pucks(self._open_line(), self._addresses)
+        pucks = self._pucks = Pucks(self._open_line(), self._options.addresses)
         try:
             facts = self._introduce(pucks)
         except (HandError, properties.PropertyError) as error:
@@ -132,16 +140,16 @@ class CanHand:
         for motor, role in roles.items():
             if (role or 0) & properties.ROLE_PRODUCT != properties.ROLE_HAND:
                 raise HandError(f'{pucks.name(motor)} is not part of a hand (ROLE {role})')
-            pucks.set(motor, 'GRPC', self._addresses.group)
+            pucks.set(motor, 'GRPC', self._options.addresses.group)
         self._gauge_fitted = {
             finger: bool((roles[finger] or 0) & properties.ROLE_GAUGE) for finger in FINGERS
         }
-        self._replies = ReplyReader(self._addresses, pucks.number)
+        self._replies = ReplyReader(self._options.addresses, pucks.number)
         self._initialised = homing.homed(pucks)
         warnings = self._read_limits(pucks)
         settings = _stored(pucks, versions)
         self._commands.prepare(pucks)
-        if self._touch != 'none':
+        if self._options.touch != 'none':
             warnings += self._begin_touch(pucks, roles)
         return HandFacts(
             model='BH8-280',
@@ -158,7 +166,9 @@ class CanHand:
     def _wake(self, pucks: Pucks) -> None:
         states = {motor: pucks.get(motor, 'STAT') for motor in MOTORS_ALL}
         silent = [
-            str(self._addresses.node(motor)) for motor, state in states.items() if state is None
+            str(self._options.addresses.node(motor))
+            for motor, state in states.items()
+            if state is None
         ]
         if silent:
             raise HandError(
@@ -186,7 +196,7 @@ class CanHand:
 
     def _begin_touch(self, pucks: Pucks, roles: Mapping[int, int | None]) -> list[str]:
         """Start the touch cells of the motors that have some; says which do not work."""
-        mode = properties.TOUCH_FULL if self._touch == 'full' else properties.TOUCH_TOP_10
+        mode = properties.TOUCH_FULL if self._options.touch == 'full' else properties.TOUCH_TOP_10
         warnings = []
         working = []
         for motor in MOTORS_ALL:
@@ -203,7 +213,7 @@ class CanHand:
             pucks.set(motor, 'TACT', mode)
         self._touch_motors = tuple(working)
         if not working:
-            warnings.append(f'parameter touch is {self._touch!r}, but no touch cells work')
+            warnings.append(f'parameter touch is {self._options.touch!r}, but no touch cells work')
         return warnings
 
     def tare_touch(self) -> None:
@@ -212,7 +222,7 @@ class CanHand:
         Raises:
             HandError: the bus takes no frames.
         """
-        mode = properties.TOUCH_FULL if self._touch == 'full' else properties.TOUCH_TOP_10
+        mode = properties.TOUCH_FULL if self._options.touch == 'full' else properties.TOUCH_TOP_10
         for motor in self._touch_motors:
             self._connected().set(motor, 'TACT', properties.TOUCH_TARE)
             self._connected().set(motor, 'TACT', mode)
@@ -281,7 +291,7 @@ class CanHand:
         turn, rest = divmod(self._cycle_count - 1, MONITOR_CYCLES)
         if rest == 0:
             pucks.ask_all(MONITORED[turn % len(MONITORED)])
-        if self._touch_motors and self._cycle_count % self._touch_every == 0:
+        if self._touch_motors and self._cycle_count % self._options.touch_every == 0:
             pucks.ask_all('TACT')
 
     def _gather_again(self, cycle: Cycle) -> int:
@@ -321,7 +331,8 @@ class CanHand:
         limits = self._limits
         gauges = [cycle.gauges[f] if self._gauge_fitted[f] else None for f in FINGERS]
         inner = [
-            cycle.positions[finger][1] if self._inner_encoders else None for finger in FINGERS
+            cycle.positions[finger][1] if self._options.inner_encoders else None
+            for finger in FINGERS
         ]
         clutches = [
             self._replies.clutch_open(cycle.positions[finger][0], counts)

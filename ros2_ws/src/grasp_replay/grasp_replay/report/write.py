@@ -6,6 +6,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from . import pictures
-from .errors import error_scales
+from .errors import ErrorScales, error_scales
 from .scene import (
     Curve,
     ErrorLine,
@@ -212,32 +213,53 @@ def _curves_of_results(
     return curves
 
 
-def write_report(
-    results: Mapping[str, Any],
-    scenes: Sequence[RowScene],
-    out_dir: Path,
-    provenance: Mapping[str, Any],
-    *,
-    published: Sequence[PublishedRow] = (),
-    published_in: Mapping[str, Any] | None = None,
-    curves: Sequence[Curve] = (),
-    linearity: LinearityTrace | None = None,
-    timings: Mapping[str, float] | None = None,
-    sections: Sequence[Section] = (),
-    bands: str = '',
-) -> Path:
+@dataclass(frozen=True)
+class Report:
+    """What a page shows.
+
+    Attributes:
+        results: the document of `results.json`; its `rows` go with `scenes`, in order (a row
+            without shapes is allowed when `scenes` is empty).
+        provenance: names to values, one level of groups; a key `synthetic` is shown at the top.
+        published: the paper's rows, kept apart from ours. published_in: what is known of the
+            paper, of the names in `REFERENCE`.
+        curves: force over displacement; by default those of the results. bands: what their bands
+            and bars mean, in a sentence. timings: seconds by name.
+        sections: parts that other modules wrote, shown after the table.
+    """
+
+    results: Mapping[str, Any]
+    scenes: Sequence[RowScene]
+    provenance: Mapping[str, Any]
+    published: Sequence[PublishedRow] = ()
+    published_in: Mapping[str, Any] | None = None
+    curves: Sequence[Curve] = ()
+    linearity: LinearityTrace | None = None
+    timings: Mapping[str, float] | None = None
+    sections: Sequence[Section] = ()
+    bands: str = ''
+
+
+def write_report(report: Report, out_dir: Path) -> Path:
     """Write `report.html` and `pictures/<key>.png` into `out_dir`; returns the page's path.
 
-    results: the document of `results.json`; its `rows` go with `scenes`, in order (a row without
-    shapes is allowed when `scenes` is empty). provenance: names to values, one level of groups;
-    a key `synthetic` is shown at the top. published: the paper's rows, kept apart from ours;
-    published_in: what is known of the paper, of the names in `REFERENCE`.
-    curves: force over displacement; by default those of the results. timings: seconds by name.
-    bands: what the bands and bars of the curves mean, in a sentence.
-    sections: parts that other modules wrote, shown after the table.
     The same input gives the same bytes. Raises ReportError if rows and scenes do not fit.
     """
-    rows = list(results['rows'])
+    scenes = report.scenes
+    _check(report.results['rows'], scenes)
+    tops = error_scales(scenes)
+    drawn = {scene.key: pictures.png(pictures.triptych(scene, tops)) for scene in scenes}
+    page = _page(report, drawn, tops)
+    folder = out_dir / 'pictures'
+    folder.mkdir(parents=True, exist_ok=True)
+    for key, picture in drawn.items():
+        (folder / f'{key}.png').write_bytes(picture)
+    path = out_dir / 'report.html'
+    path.write_text(page, encoding='utf-8')
+    return path
+
+
+def _check(rows: Sequence[Mapping[str, Any]], scenes: Sequence[RowScene]) -> None:
     if scenes and len(scenes) != len(rows):
         raise ReportError(
             f'report: {len(scenes)} scenes for {len(rows)} rows of results; give one per row'
@@ -245,21 +267,27 @@ def write_report(
     keys = [scene.key for scene in scenes]
     if len(set(keys)) != len(keys):
         raise ReportError(f'report: the row keys {", ".join(keys)} are not unique')
+
+
+def _page(report: Report, drawn: Mapping[str, bytes], tops: ErrorScales) -> str:
+    """The page as text, with the `drawn` pictures of the rows in it."""
+    scenes, provenance, published = report.scenes, report.provenance, report.published
+    rows = list(report.results['rows'])
     theories = list(dict.fromkeys(name for row in rows for name in row['theories']))
     predictions = list(dict.fromkeys(name for row in published for name in row.predicted_m))
     kind = scenes[0].kind if scenes else 'measured'
-    tops = error_scales(scenes)
-    drawn = {scene.key: pictures.png(pictures.triptych(scene, tops)) for scene in scenes}
-    here = files(__package__)
+    curves = report.curves or _curves_of_results(rows, theories, kind)
+    package = files(__package__)
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    page = environment.from_string((here / 'page.html').read_text()).render(
+    template = environment.from_string((package / 'page.html').read_text())
+    return template.render(
         title=f'Grasped shell: {provenance.get("title", provenance.get("object", "report"))}',
         synthetic=provenance.get('synthetic', ''),
         published=bool(published),
         models=list(_models(published, predictions)),
         published_rows=sorted(published, key=lambda row: row.force_lbf),
-        reference={**dict.fromkeys(REFERENCE, ''), **published_in} if published_in else {},
-        modulus=_modulus(results),
+        reference=_reference(report),
+        modulus=_modulus(report.results),
         error_plot=_error_plot(rows, theories, published, kind),
         lbf=NEWTON_PER_LBF,
         theories=theories,
@@ -272,7 +300,7 @@ def write_report(
         ],
         statistics=list(STATISTICS),
         detail=list(_detail(rows, theories)),
-        sections=list(sections),
+        sections=list(report.sections),
         rows=[
             {
                 'key': scene.key,
@@ -284,28 +312,27 @@ def write_report(
             }
             for scene in scenes
         ],
-        force_plot=Markup(
-            pictures.svg(
-                pictures.force_displacement(curves or _curves_of_results(rows, theories, kind))
-            )
-        ),
-        bands=bands,
-        linearity_plot=Markup(pictures.svg(pictures.linearity(linearity))) if linearity else '',
-        timings=[(name, f'{value:.2f} s') for name, value in (timings or {}).items()],
+        force_plot=Markup(pictures.svg(pictures.force_displacement(curves))),
+        bands=report.bands,
+        linearity_plot=_linearity_plot(report),
+        timings=[(name, f'{value:.2f} s') for name, value in (report.timings or {}).items()],
         provenance=list(_grouped(provenance)),
         gradient=Markup(_gradient()),
-        css=Markup((here / 'page.css').read_text()),
+        css=Markup((package / 'page.css').read_text()),
         packed=Markup(json.dumps([pack(scene, tops) for scene in scenes])),
         colours=colour_table(),
-        script=Markup((here / 'viewer.js').read_text()),
+        script=Markup((package / 'viewer.js').read_text()),
     )
-    folder = out_dir / 'pictures'
-    folder.mkdir(parents=True, exist_ok=True)
-    for key, picture in drawn.items():
-        (folder / f'{key}.png').write_bytes(picture)
-    path = out_dir / 'report.html'
-    path.write_text(page, encoding='utf-8')
-    return path
+
+
+def _reference(report: Report) -> dict[str, Any]:
+    known = report.published_in
+    return {**dict.fromkeys(REFERENCE, ''), **known} if known else {}
+
+
+def _linearity_plot(report: Report) -> str:
+    trace = report.linearity
+    return Markup(pictures.svg(pictures.linearity(trace))) if trace else ''
 
 
 def _gradient() -> str:

@@ -25,7 +25,12 @@ from shell_deform.commands.object_prepare_options import RENAMED, build_parser
 from shell_deform.objects import load_object
 from shell_deform.objects.file_mesh import read_triangles, write_control_mesh
 from shell_deform.objects.object_mesh import EDGES_PER_RADIUS
-from shell_deform.objects.prepare import PreparedScan, prepare, vertex_thickness
+from shell_deform.objects.prepare import (
+    PreparedScan,
+    Refinement,
+    prepare,
+    vertex_thickness,
+)
 from shell_deform.objects.primitive_fit import capped_share, fitting_primitive
 from shell_deform.surface import LimitSurface
 from shell_deform.surface.scan_fit import ScanFit
@@ -66,8 +71,9 @@ def _prepare(options: argparse.Namespace) -> None:
             control_vertices=options.vertices or 640,
             error=options.error,
             longest_rim=options.close_holes,
-            refine_at=contacts[:, :3],
-            refine_edge=lambda surface: EDGES_PER_RADIUS * float(contacts[:, 3].min()),
+            refinement=Refinement(
+                contacts[:, :3], lambda surface: EDGES_PER_RADIUS * float(contacts[:, 3].min())
+            ),
         )
         _refuse_far_contacts(contacts, prepared.points)
         status.update('writing the results')

@@ -13,7 +13,7 @@ from .drawn import with_small_triangles
 from .file_mesh import LimitTarget, control_file, read_triangles
 from .grid_mesh import HalfCylinderTarget, HeightFieldTarget, grid, read_heights
 from .local_radius import local_radius
-from .prepare import prepare
+from .prepare import Refinement, prepare
 from .profile import Piece, RevolvedTarget, middle_profile
 from .revolved_mesh import revolved_mesh
 from .round_mesh import graded_sphere, turned_to
@@ -192,9 +192,11 @@ def _from_file(
                 shell.thickness_m,
                 face=surface.face,
                 control_vertices=count,
-                refine_at=places,
-                refine_edge=lambda target: (
-                    EDGES_PER_RADIUS * _smallest_contact(shell, target, refine_radius)
+                refinement=Refinement(
+                    places,
+                    lambda target: (
+                        EDGES_PER_RADIUS * _smallest_contact(shell, target, refine_radius)
+                    ),
                 ),
             ).fit.mesh
         except ObjectError as error:

@@ -68,6 +68,18 @@ class PreparedScan:
         return found
 
 
+@dataclass(frozen=True)
+class Refinement:
+    """Where a mesh is finer than elsewhere.
+
+    Attributes:
+        places: (k, 3) [m]. edge: wanted edge length there [m], told by the surface fitted so far.
+    """
+
+    places: FloatArray
+    edge: Callable[[LimitTarget], float]
+
+
 def prepare(
     vertices: FloatArray,
     triangles: IntArray,
@@ -77,8 +89,7 @@ def prepare(
     control_vertices: int = 640,
     error: float | None = None,
     longest_rim: float | None = None,
-    refine_at: FloatArray | None = None,
-    refine_edge: Callable[[LimitTarget], float] | None = None,
+    refinement: Refinement | None = None,
 ) -> PreparedScan:
     """Clean, orient, remesh and fit a scan.
 
@@ -89,8 +100,7 @@ def prepare(
         control_vertices: about how many control vertices to use.
         error: instead, use as many as bring the systematic part of the distance below this [m].
         longest_rim: holes with a rim up to this are closed [m] (default: half the object's size).
-        refine_at: (k, 3) places to refine [m]. refine_edge: wanted edge length there [m], told by
-            the surface fitted so far.
+        refinement: where the mesh is to be fine.
 
     Raises:
         ObjectError: the scan cannot carry a surface, the wall is too thick for one, or the
@@ -114,11 +124,11 @@ def prepare(
         except MeshError as problem:
             message = f'the remeshed scan cannot carry a surface: {problem}'
             raise ObjectError(message) from problem
-        if refine_at is not None and len(refine_at) and refine_edge is not None:
+        if refinement is not None and len(refinement.places):
             # Triangles through scan points are as rough as these: how round a place is and where
             # vertices go is told by a surface that is fitted to the scan.
             smooth = LimitTarget(fit_scan(mesh, first.vertices, np.empty((0, 3)), 0.0).mesh)
-            mesh = with_small_triangles(mesh, smooth, refine_at, refine_edge(smooth))
+            mesh = with_small_triangles(mesh, smooth, refinement.places, refinement.edge(smooth))
         result = _fitted(first, scan, mesh, thickness, face, rim_limit)
         if error is not None and result.systematic_m <= error:
             break

@@ -56,9 +56,21 @@ def site() -> Path:
 
 def build(package: str, work: Path) -> None:
     """Generate and install one package, using `work` for what lies between."""
+    arguments, _ = describe(package, work)
+    generate(package, arguments, work)
+    compile_all(package, work)
+    shutil.copytree(work / 'py', site() / package, dirs_exist_ok=True)
+    (site() / package / '.built').touch()
+    print(f'{package} built')
+
+
+def describe(package: str, work: Path) -> tuple[dict[str, object], list[Path]]:
+    """What the generators are told of a package, and its type descriptions with their hashes."""
+    from rosidl_generator_type_description import generate_type_hash
+
     idls = to_idl(package, work)
     generated = work / 'include' / package
-    arguments = {
+    arguments: dict[str, object] = {
         'package_name': package,
         'idl_tuples': [f'{work}:{package_path}' for package_path in idls],
         'ros_interface_dependencies': [],
@@ -66,19 +78,13 @@ def build(package: str, work: Path) -> None:
         'output_dir': str(generated),
         'include_paths': [f'{name}:{PREFIX / "share" / name}' for name in DEPENDENCIES],
     }
-    described = work / 'types.json'
-    described.write_text(json.dumps(arguments))
-    from rosidl_generator_type_description import generate_type_hash
-
-    generate_type_hash(str(described))
+    asked = work / 'types.json'
+    asked.write_text(json.dumps(arguments))
+    generate_type_hash(str(asked))
     arguments['type_description_tuples'] = [
         f'{path}:{(generated / path).with_suffix(".json")}' for path in idls
     ]
-    generate(package, arguments, work)
-    compile_all(package, work)
-    shutil.copytree(work / 'py', site() / package, dirs_exist_ok=True)
-    (site() / package / '.built').touch()
-    print(f'{package} built')
+    return arguments, sorted(generated.rglob('*.json'))
 
 
 def to_idl(package: str, work: Path) -> list[str]:

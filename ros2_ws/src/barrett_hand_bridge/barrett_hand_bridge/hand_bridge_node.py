@@ -46,6 +46,9 @@ from barrett_hand_bridge.worker import (
 from grasp_common.main_node import declare, run_node
 from grasp_common.parameter_table import ParameterError, check
 
+LOOKED_AFTER_S = 0.2
+"""How often the emulated hand of the node's own is looked after [s]."""
+
 
 class BridgeError(RuntimeError):
     """The node cannot do its work; the message says why."""
@@ -133,12 +136,15 @@ class HandBridge(LifecycleNode):
         )
         self._description = HandDescription(self, self._values)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._diagnostics_timer = self.create_timer(1.0, self._on_diagnostics, clock=steady)
+        self._timers = [self.create_timer(1.0, self._on_diagnostics, clock=steady)]
+        if self._emulator is not None:
+            self._timers.append(
+                self.create_timer(LOOKED_AFTER_S, self._emulator.look_after, clock=steady)
+            )
         if self._values['arm'] != 'none':
             self._arm = ArmPose(self, self._values, self._on_gravity, self._description.hand)
-        self._poll_timer = None
         if self._values['poll_period'] > 0.0:
-            self._poll_timer = self.create_timer(self._values['poll_period'], worker.tick)
+            self._timers.append(self.create_timer(self._values['poll_period'], worker.tick))
 
     def _on_gravity(self, direction: Array) -> None:
         if self._worker is not None and self._worker.observer is not None:
@@ -166,9 +172,8 @@ class HandBridge(LifecycleNode):
         arm, self._arm = self._arm, None
         if arm is not None:
             arm.end()
-        self.destroy_timer(self._diagnostics_timer)
-        if self._poll_timer is not None:
-            self.destroy_timer(self._poll_timer)
+        for timer in self._timers:
+            self.destroy_timer(timer)
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -314,8 +319,6 @@ class HandBridge(LifecycleNode):
             self._topics.stale(self._latest)
 
     def _on_diagnostics(self) -> None:
-        if self._emulator is not None:
-            self._emulator.look_after()
         health = self._health
         observer = None if self._worker is None else self._worker.observer
         now_s = time.monotonic()

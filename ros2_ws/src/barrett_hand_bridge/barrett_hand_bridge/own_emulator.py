@@ -15,7 +15,7 @@ from pathlib import Path
 from barrett_hand_bridge.calibration import NO_GAUGE, HandCalibration
 from barrett_hand_bridge.fit import fit_hand, read_weighings
 from barrett_hand_bridge.hand import FINGERS, HandError
-from grasp_common.watchdog import is_stopped
+from grasp_common.watchdog import is_stopped, wake_with_parent
 
 START_TIMEOUT_S = 20.0
 
@@ -70,6 +70,7 @@ class OwnEmulator:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             stdin=subprocess.PIPE,
+            preexec_fn=wake_with_parent,
             start_new_session=True,
         )
         try:

@@ -17,7 +17,7 @@ import sys
 import time
 from collections.abc import Sequence
 
-from grasp_common.watchdog import Watchdog
+from grasp_common.watchdog import Watchdog, wake_with_parent
 
 FAREWELL = b'done'
 CALL = b'.'
@@ -44,6 +44,7 @@ class StopGuard:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=self._inherited,
+            preexec_fn=wake_with_parent,
             start_new_session=True,
         )
 

@@ -8,7 +8,9 @@ finds no processor: the last is left alone.
 
 from __future__ import annotations
 
+import ctypes
 import os
+import signal
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +27,10 @@ LOOPS_S = 2.0
 STARVED_S = 30.0
 """One that found no processor for so long is given up [s]."""
 
+
+_PRCTL = ctypes.CDLL(None).prctl
+PR_SET_PDEATHSIG = 1
+"""From linux/prctl.h."""
 
 STOPPED = frozenset('Tt')
 """Letters of a thread that a signal or a debugger holds, proc(5)."""
@@ -50,6 +56,16 @@ def threads_of(pid: int) -> Threads:
     except OSError:
         return Threads(frozenset(), 0.0)
     return Threads(frozenset(states), ticks / os.sysconf('SC_CLK_TCK'))
+
+
+def wake_with_parent() -> None:
+    """Ask the kernel to let this process go on when the one that started it ends.
+
+    It then sees the end of its pipe and follows, where somebody had stopped it (SIGSTOP): a
+    stopped process sees nothing and would be left over. To one that runs it does nothing. Made to
+    be a `preexec_fn`, before there is anything to stop: one system call that takes no lock.
+    """
+    _PRCTL(PR_SET_PDEATHSIG, int(signal.SIGCONT))
 
 
 def is_stopped(pid: int) -> bool:

@@ -43,7 +43,7 @@ RATE_HZ = 30.0
 SETTLE_S = 0.4
 FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 10.0
-"""Before a solver that has ended is started again; twice as long each time [s]."""
+"""Before a solver that ended without an answer is started again; twice as long each time [s]."""
 
 
 class WhatIfError(RuntimeError):
@@ -116,15 +116,13 @@ class WhatIf:
                 '-p', f'friction:={GIVEN_FRICTION}',
             ],
         )  # fmt: skip
-        self._started = self._ended = time.monotonic()
+        self._ended = time.monotonic()
 
     def _look_after(self) -> None:
         """Start the solver again where it has ended or was stopped; say so."""
         code, now = self._process.poll(), time.monotonic()
         if code is None and not is_stopped(self._process.pid):
             self._ended = now
-            if now - self._started > LONGEST_PAUSE_S:
-                self._pause = FIRST_PAUSE_S
             return
         self._panel.say('the solver has ended and is started again …')
         if now - self._ended < self._pause:
@@ -150,6 +148,8 @@ class WhatIf:
         """Follow the mesh, the drags and the sliders; called at the page's rate."""
         if mesh is not None and mesh is not self._mesh:
             self._mesh, self._normals = mesh, vertex_normals(mesh)
+            # A solver that has answered was a good one, however soon it ends.
+            self._pause = FIRST_PAUSE_S
             self._place()
         while not self._panel.drags.empty():
             drag = self._panel.drags.get()

@@ -18,12 +18,10 @@ import sys
 import threading
 from collections.abc import Sequence
 
-from grasp_common.watchdog import is_stopped
+from grasp_common.watchdog import PR_SET_PDEATHSIG, is_stopped, wake_with_parent
 
 PATIENCE_S = 5.0
 LOOK_S = 0.2
-# From linux/prctl.h.
-PR_SET_PDEATHSIG = 1
 
 
 def start(folder: str, command: Sequence[str]) -> subprocess.Popen[bytes]:
@@ -31,6 +29,7 @@ def start(folder: str, command: Sequence[str]) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         [sys.executable, '-m', 'grasp_view.with_parent', folder, *command],
         stdin=subprocess.PIPE,
+        preexec_fn=wake_with_parent,
         start_new_session=True,
     )
 

@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Comparisons in a process of their own, so that no callback of the node ever waits for one.
 
-The process is spawned, never forked; it computes one comparison at a time, in the order in which
-the jobs came, below the priority of the nodes that answer live.
+The process is a fresh interpreter, never a fork; it computes one comparison at a time, in the
+order in which the jobs came, below the priority of the nodes that answer live.
 """
 
 from __future__ import annotations
 
-import multiprocessing
+import contextlib
 import os
 import signal
+import socket
+import subprocess
+import sys
 import time
 from collections import deque
 from dataclasses import dataclass, field, replace
@@ -21,7 +24,7 @@ from threading import Thread
 import numpy as np
 
 from grasp_common.formats import RawMesh
-from grasp_common.watchdog import is_stopped
+from grasp_common.watchdog import is_stopped, wake_with_parent
 from scan_compare.comparison import ComparisonError, Setup, compare
 from scan_compare.deformed_surface import (
     DeformedSurface,
@@ -214,11 +217,16 @@ def _scan(cloud: Cloud, surface: DeformedSurface) -> Scan:
     return scan_of(RawMesh(cloud.points.copy(), None), cloud.source, cloud.unit, surface.extent)
 
 
-def serve(connection: Connection) -> None:
-    """Answer jobs until the other end closes."""
+def main() -> None:
+    """The process: `python -c '... main()' SOCKET`."""
     # Ctrl-C reaches the whole process group; the node decides when this process ends
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(NICENESS)
+    serve(Connection(int(sys.argv[1])))
+
+
+def serve(connection: Connection) -> None:
+    """Answer jobs until the other end closes."""
     while True:
         try:
             job = connection.recv()
@@ -255,7 +263,6 @@ class Worker:
     """Owns the process: starts it, hands it one job after the other, restarts it when it died."""
 
     def __init__(self) -> None:
-        self._context = multiprocessing.get_context('spawn')
         self._running: Job | None = None
         self._waiting: deque[Job] = deque()
         self._looked_after = 0.0
@@ -266,6 +273,10 @@ class Worker:
     def busy(self) -> bool:
         """Whether a comparison is being computed or waits."""
         return self._running is not None or bool(self._waiting)
+
+    @property
+    def _alive(self) -> bool:
+        return self._process.poll() is None
 
     @property
     def waiting(self) -> int:
@@ -291,7 +302,7 @@ class Worker:
         self._look_after()
         # asked before the results are: what an ended thread has brought is among them; that of an
         # idle process waits for a job and hears nothing
-        ended = not self._thread.is_alive() or not (self._running or self._process.is_alive())
+        ended = not self._thread.is_alive() or not (self._running or self._alive)
         try:
             result = self._results.get_nowait()
         except Empty:
@@ -311,22 +322,26 @@ class Worker:
         if now - self._looked_after < LOOKED_AFTER_S:
             return
         self._looked_after = now
-        if not is_stopped(self._process.pid or 0):
+        if not is_stopped(self._process.pid):
             return
         if self._running is not None:
             self._waiting.appendleft(self._running)
             self._running = None
         self._jobs.put(None)
         self._process.kill()
-        self._process.join(PATIENCE_S)
+        self._wait()
         self._start()
         self._hand_over()
+
+    def _wait(self) -> None:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(PATIENCE_S)
 
     def _died(self) -> Result | None:
         lost, self._running = self._running, None
         self._jobs.put(None)
-        self._process.join(PATIENCE_S)
-        code = self._process.exitcode
+        self._wait()
+        code = self._process.returncode
         self._start()
         self._hand_over()
         if lost is None:
@@ -341,14 +356,25 @@ class Worker:
     def _start(self) -> None:
         self._jobs: SimpleQueue[Job | None] = SimpleQueue()
         self._results: Results = SimpleQueue()
-        connection, other = self._context.Pipe()
-        self._process = self._context.Process(
-            target=serve, args=(other,), name='scan_compare_worker', daemon=True
+        ours, theirs = socket.socketpair()
+        # Not multiprocessing's own start: it keeps a second process beside this one, which nobody
+        # would look after.
+        self._process = subprocess.Popen(
+            [
+                sys.executable,
+                '-c',
+                'from scan_compare.worker import main; main()',
+                str(theirs.fileno()),
+            ],
+            pass_fds=(theirs.fileno(),),
+            preexec_fn=wake_with_parent,
+            stdin=subprocess.DEVNULL,
         )
-        self._process.start()
-        other.close()
+        theirs.close()
         self._thread = Thread(
-            target=exchange, args=(connection, self._jobs, self._results), daemon=True
+            target=exchange,
+            args=(Connection(ours.detach()), self._jobs, self._results),
+            daemon=True,
         )
         self._thread.start()
         self.restarts += 1
@@ -357,8 +383,8 @@ class Worker:
         """End the process, whatever it is doing."""
         self._jobs.put(None)
         self._process.terminate()
-        self._process.join(PATIENCE_S)
-        if self._process.is_alive():
+        self._wait()
+        if self._alive:
             self._process.kill()
-            self._process.join()
+            self._process.wait()
         self._thread.join()

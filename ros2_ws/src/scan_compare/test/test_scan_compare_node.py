@@ -148,7 +148,7 @@ def test_a_stopped_comparing_process_holds_nothing_up_and_its_scan_is_judged_by_
 def comparing_processes(node: Any) -> list[int]:
     children = Path(f'/proc/{node.process.pid}/task/{node.process.pid}/children')
     found = [int(child) for child in children.read_text().split()]
-    return [c for c in found if 'spawn_main' in Path(f'/proc/{c}/cmdline').read_text()]
+    return [c for c in found if 'scan_compare.worker' in Path(f'/proc/{c}/cmdline').read_text()]
 
 
 def surfaces_taken(

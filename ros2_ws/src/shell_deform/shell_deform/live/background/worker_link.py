@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp_common.watchdog import Watchdog, is_stopped
+from grasp_common.watchdog import Watchdog, is_stopped, wake_with_parent
 from shell_deform.live.background.rest_shell import RestShell, unpacked
 from shell_deform.live.exchange import REQUEST, Layout, SharedMemory, Slot
 from shell_deform.live.grip_motion import GripPlan
@@ -23,7 +23,8 @@ Array = NDArray[np.float64]
 
 BACK_OFF_FIRST_S = 0.2
 BACK_OFF_LAST_S = 10.0
-HEALTHY_S = 10.0
+HEALTHY_S = 1.0
+"""A process that served for so long was a good one: the next one does not wait longer [s]."""
 PATIENCE_S = 2.0
 """A process that was asked to end is ended after this [s]."""
 LOOKED_AFTER_S = 0.2
@@ -89,6 +90,7 @@ class WorkerProcess:
             [*command, str(theirs.fileno()), str(self._event)],
             pass_fds=(theirs.fileno(), self._event),
             env=environment,
+            preexec_fn=wake_with_parent,
             stdin=subprocess.DEVNULL,
         )
         theirs.close()
@@ -198,7 +200,7 @@ class WorkerProcess:
 
 
 class WorkerLink:
-    """Keeps a process running; after a death the next one waits longer, up to ten seconds.
+    """Keeps a process running; one that ends before it serves is started after ever longer pauses.
 
     Beside it a spare one waits with its imports done: it replaces one that ends, or builds the
     `candidate`, the same shell on a mesh graded elsewhere, which is promoted once it answers.
@@ -256,7 +258,7 @@ class WorkerLink:
                 self._ready = now
             return ready
         if self._start_at == 0.0:
-            if now - self._started > HEALTHY_S:
+            if self._started <= self._ready < now - HEALTHY_S:
                 self._back_off = BACK_OFF_FIRST_S
             self._start_at = now + self._back_off
             self._back_off = min(2.0 * self._back_off, BACK_OFF_LAST_S)

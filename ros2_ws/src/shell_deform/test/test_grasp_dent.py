@@ -17,10 +17,12 @@ from shell_deform.objects import load_object
 from shell_deform.solve.equilibrium import forced
 from shell_deform.solve.newton import EquilibriumSolver
 
-SOLIDS = json.loads(
+KEPT = json.loads(
     (Path(shell_deform.verification.__file__).parent / 'solid_dents.json').read_text()
-)['balls']
-"""Aluminium balls under two pins by CalculiX, made by `bags/solid_dents.py`."""
+)
+"""Balls under two pins by CalculiX, made by `bags/solid_dents.py`."""
+SOLIDS, HELD_OUT = KEPT['balls'], KEPT['held_out']
+"""Aluminium, by which the limits of what is resolved were chosen; others, scored afterwards."""
 
 
 def _ball(solid):
@@ -74,9 +76,8 @@ def test_a_pin_narrower_than_the_wall_says_so():
 
 @pytest.mark.soak
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize('number', range(len(SOLIDS)))
-def test_what_is_resolved_is_within_five_percent_of_the_solid(number):
-    solid = SOLIDS[number]
+@pytest.mark.parametrize('solid', SOLIDS + HELD_OUT)
+def test_what_is_resolved_is_within_five_percent_of_the_solid(solid):
     levels = [k for k in range(len(solid['levels'])) if k < 3]
     for error, unresolved in _told(solid, levels, refine_radius=solid['pin_radius_m']):
         print(solid['radius_over_thickness'], solid['pin_radius_m'], error, unresolved)

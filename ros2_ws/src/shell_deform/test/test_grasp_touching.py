@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rigid bodies as contacts of a grasp: what their own pressure says, ring and all."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from shell_deform.grasp.capacity import load_capacity
 from shell_deform.grasp.contacts import UNIFORM_ARM
 from shell_deform.grasp.margins import margins
-from shell_deform.grasp.touching import read_grasp
+from shell_deform.grasp.reading import body_loads, body_mass
+from shell_deform.grasp.slip import first_slips
+from shell_deform.grasp.touching import read_grasp, read_response
+from shell_deform.solve.equilibrium import displaced
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.verification.friction import plated, squeezed
 
@@ -47,3 +52,46 @@ def test_the_arm_is_that_of_the_ring_and_so_is_the_torque_that_holds(plates):
         assert grasp.arm[0] > 1.1 * UNIFORM_ARM * radius
         twist = load_capacity(grasp, np.array([0, 0, 0, 0, 0, 1.0]), np.zeros(3)).factor
         assert twist == pytest.approx(MU * grasp.push @ grasp.arm, rel=1e-3)
+
+
+@pytest.mark.parametrize(('load', 'share'), [(0, 0.3), (5, 0.02)])
+def test_plates_share_a_load_out_as_the_whole_solve_does(plates, load, share):
+    """A pull along the plates and a twist about their line, of this share of what slips."""
+    model, patches, states = plates
+    state, solver = states[-1], EquilibriumSolver(model)
+    grasp = read_grasp(model, patches, state, MU)
+    found = read_response(solver, patches, state, grasp)
+    slips = first_slips(grasp, found.sharing, np.eye(6)[load][None])[0][0]
+    full = 2.0 * MU * grasp.push.mean() if load == 0 else MU * float(grasp.push @ grasp.arm)
+    # Two plates alike slip together, when each carries its half: a closed form.
+    assert slips == pytest.approx(full, rel=5e-3)
+    nodal = body_loads(body_mass(model), state.positions)[1][:, load].reshape(-1, 3)
+    case = replace(displaced(patches, state.displacement), dead_load=share * full * nodal)
+    loaded = solver.solve(case, state)
+    assert loaded.converged
+    there = read_grasp(model, patches, loaded, MU)
+    # However the plates rub, they push along their normals.
+    assert np.abs(there.normal[:, 2]) == pytest.approx(np.ones(2), abs=1e-9)
+    change = (there.tangential - grasp.tangential)[:, 0] if load == 0 else there.spin - grasp.spin
+    told = found.sharing.tangential[:, 0, 0] if load == 0 else found.sharing.spin[:, 5]
+    assert change / (share * full) == pytest.approx(told, rel=5e-3)
+    assert found.force.sum(axis=0)[:, :3] == pytest.approx(-np.eye(3), abs=2e-3)
+
+
+@pytest.mark.soak
+def test_the_whole_solve_loses_a_pulled_ball_where_first_slip_says(plates):
+    model, patches, states = plates
+    state, solver = states[-1], EquilibriumSolver(model)
+    grasp = read_grasp(model, patches, state, MU)
+    sharing = read_response(solver, patches, state, grasp).sharing
+    slips = first_slips(grasp, sharing, np.eye(6)[:1])[0][0]
+    nodal = body_loads(body_mass(model), state.positions)[1][:, 0].reshape(-1, 3)
+    at = 0.0
+    for share in (0.5, 0.8, 0.9, 0.95, 0.98, 1.02):
+        case = replace(displaced(patches, state.displacement), dead_load=share * slips * nodal)
+        found = solver.solve(case, state)
+        if not found.converged:
+            break
+        state, at = found, share
+    print('held at', at, 'of first slip, lost at', share)
+    assert (at, share) == (0.98, 1.02)

@@ -9,10 +9,15 @@ import pytest
 
 from shell_deform.building import build_model
 from shell_deform.contact.finger_bodies import read_finger_bodies
+from shell_deform.grasp.capacity import DIRECTIONS
+from shell_deform.grasp.slip import first_slips
+from shell_deform.grasp.touching import read_grasp, read_response
 from shell_deform.live.exchange import REQUEST, TAXEL_FIELDS
+from shell_deform.live.tick.grasp import GRASP_FIELDS, GraspTask, GraspTick
 from shell_deform.live.tick.load_path import MOST_WAITING, LoadPath
 from shell_deform.live.tick.rehearsal import Rehearsal
 from shell_deform.objects import load_object
+from shell_deform.solve.newton import EquilibriumSolver
 
 MU = 0.4
 STEP = 2e-4
@@ -95,6 +100,37 @@ def test_a_turned_finger_sticks_then_slips_and_gives_no_more_than_its_friction(t
     # What slips all over gives its friction times the arms, which a turned pad changes a little.
     assert found[3] == pytest.approx(found[2], rel=0.15)
     assert sticking < 0.05
+
+
+def test_the_grasp_of_fingertips_is_that_of_their_pressure(tips):
+    """Arms, spins and first slip, equal to the tangent solved anew with fingers that stand."""
+    followed(tips, growing())
+    followed(tips, [squeeze(1.2e-3, 0.01, stamp=100)])
+    tick = GraspTick()
+    tick.task = GraspTask(friction=MU, mass=0.058)
+    rows = tick.rows(tips.estimator)
+    assert np.all(np.isfinite(rows))
+    told = dict(zip(GRASP_FIELDS, rows[-1].tolist(), strict=True))
+    solver, held = tips.solver, tips.solver._held
+    patches = held.case.contacts
+    grasp = read_grasp(solver.model, patches, held.state, MU)
+    found = read_response(EquilibriumSolver(solver.model), patches, held.state, grasp)
+    loads = np.zeros((27, 6))
+    loads[0, :3], loads[1:, :3] = tick.task.down, DIRECTIONS
+    # The gauges say less than the equilibrium: its contacts with their pushes.
+    pushed = replace(grasp, push=rows[:2, GRASP_FIELDS.index('push')].astype(float))
+    factor = first_slips(pushed, found.sharing, loads)[0]
+    assert told['gravity_slip'] == pytest.approx(factor[0], rel=5e-3)
+    assert told['worst_slip'] == pytest.approx(factor[1:].min(), rel=5e-3)
+    assert told['closed'] == 1.0
+    assert told['gravity_capacity'] == pytest.approx(2.0 * MU * pushed.push.mean(), rel=0.02)
+    spin = rows[:2, GRASP_FIELDS.index('spin_modelled')]
+    assert spin == pytest.approx(grasp.spin, abs=1e-6)
+    assert abs(spin[0]) > 0.05 * MU * grasp.push[0] * grasp.arm[0]
+    # A ring, no disc of the 7.5 mm that the message says, and no stress that a shell can tell.
+    assert tips.estimator.adopted.arm == pytest.approx(grasp.arm)
+    assert grasp.arm.max() < 3e-3
+    assert told['stress_resolved'] == 0.0
 
 
 def test_friction_remembers_how_the_finger_came_there(tips):

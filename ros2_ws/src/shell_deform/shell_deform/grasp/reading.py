@@ -283,7 +283,7 @@ class WallReader:
 
     Attributes:
         model, patches, feet: of the shell, its k pins and where they stand.
-        under: (k, p) pressure of a unit push at each quadrature point [Pa/N].
+        under: (k, p) pressure of a unit push at each quadrature point [Pa/N], none of bodies.
     """
 
     model: ShellModel
@@ -348,6 +348,8 @@ def wall_reader(model: ShellModel, patches: tuple[ContactPatch, ...]) -> WallRea
     points = np.asarray(shell.value_matrix() @ model.rest)
     under = np.zeros((len(patches), len(points)))
     for i, patch in enumerate(patches):
+        if patch.body is not None:
+            continue
         inside = np.linalg.norm(points - patch.point, axis=1) <= patch.radius
         normal = np.cross(*shell.reference.tangents[inside].transpose(1, 0, 2))
         normal /= np.linalg.norm(normal, axis=1)[:, None]

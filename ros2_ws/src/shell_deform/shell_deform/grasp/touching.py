@@ -7,15 +7,34 @@ so the arm of the spin torque is that of the pressure itself, never that of an e
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.contact.contact_field import Touch
+from shell_deform.contact.bodies import Body
+from shell_deform.contact.contact_field import Press, Touch
 from shell_deform.contact.loads import ContactPatch
+from shell_deform.contact.outer_face import FacePoints
+from shell_deform.contact.thick_face import ThickFacePoints
+from shell_deform.grasp import reading
 from shell_deform.grasp.contacts import GraspContacts, contacts
-from shell_deform.grasp.reading import HELD_ROWS, finger_force, held_contacts, outer_feet
+from shell_deform.grasp.reading import (
+    HELD_ROWS,
+    SMALL_LOAD,
+    Response,
+    body_loads,
+    body_mass,
+    finger_force,
+    held_contacts,
+    outer_feet,
+)
+from shell_deform.grasp.slip import Sharing
 from shell_deform.model import ShellModel
-from shell_deform.solve.equilibrium import Equilibrium
+from shell_deform.solve.borders import borders
+from shell_deform.solve.contact_step import touched_tangent
+from shell_deform.solve.equilibrium import Equilibrium, displaced
+from shell_deform.solve.newton import EquilibriumSolver
 
 Array = NDArray[np.float64]
 
@@ -32,9 +51,8 @@ def read_grasp(
     touches = iter(state.touches)
     row = 0
     for i, patch in enumerate(patches):
-        rubs = patch.body is not None and patch.body.friction > 0.0
         held = np.zeros(HELD_ROWS)
-        if not (rubs or patch.slides):
+        if _is_held(patch):
             held = state.multipliers[row : row + HELD_ROWS]
             row += HELD_ROWS
         if patch.body is None:
@@ -42,15 +60,22 @@ def read_grasp(
             pushed = state.force[i : i + 1]
             found.append(held_contacts((patch,), *place, pushed, held, friction))
         else:
-            own = patch.body.friction if rubs else friction
-            found.append(_touched(patch, next(touches), held, own))
+            own = patch.body.friction or friction
+            found.append(_touched(patch, patch.body, next(touches), held, own))
     names = GraspContacts.__dataclass_fields__
     return GraspContacts(
         *(np.concatenate([getattr(one, name) for one in found]) for name in names)
     )
 
 
-def _touched(patch: ContactPatch, touch: Touch, held: Array, friction: float) -> GraspContacts:
+def _is_held(patch: ContactPatch) -> bool:
+    """Whether an equilibrium holds this patch: what rubs holds it by itself."""
+    return not patch.slides and not (patch.body is not None and patch.body.friction > 0.0)
+
+
+def _touched(
+    patch: ContactPatch, body: Body, touch: Touch, held: Array, friction: float
+) -> GraspContacts:
     """One body as a contact where its pressure is centred, along the mean of its pressure.
 
     `held` (3,): multipliers of what keeps the patch of a body without friction from sliding.
@@ -61,7 +86,7 @@ def _touched(patch: ContactPatch, touch: Touch, held: Array, friction: float) ->
         return contacts(patch.point, patch.axis, 0.0, friction)
     place = touch.face.position
     # Along the normals of the body, which are those of the wall where it lies flat on it.
-    pressed = touch.weights @ (touch.traction - touch.friction)
+    pressed = pressure @ touch.pose.distance(body.shape, place).normal
     normal = pressed / np.linalg.norm(pressed)
     centre = pressure @ place / total
     away = place - centre
@@ -71,4 +96,116 @@ def _touched(patch: ContactPatch, touch: Touch, held: Array, friction: float) ->
     spin = float(touch.moment(centre) @ normal) - float(held[-1]) * patch.radius
     return contacts(
         centre, normal, float(force @ normal), friction, arm, force[None], np.array([spin])
+    )
+
+
+def read_response(
+    solver: EquilibriumSolver,
+    patches: tuple[ContactPatch, ...],
+    state: Equilibrium,
+    grasp: GraspContacts,
+) -> Response:
+    """How the tangent at `state` shares out wrenches while pins and bodies stand still.
+
+    Points of a body that stick go on sticking, and those that slip slip on: the tangent of the
+    state. `grasp`: its contacts. Raises what `reading.read_response` raises.
+    """
+    if all(patch.body is None for patch in patches):
+        return reading.read_response(solver, patches, state, grasp)
+    model = solver.model.on_contacts(patches)
+    if model is not solver.model:
+        solver = EquilibriumSolver(model)
+    case = replace(displaced(patches, state.displacement), motion=state.motion)
+    bordering = borders(model, case)
+    assert bordering.field is not None
+    press = Press(
+        state.touches, np.zeros_like(state.unknowns), state.force, state.displacement,
+        np.zeros((state.unknowns.size, 0)), np.zeros(0), np.zeros(0, np.int64),
+        np.zeros(len(patches)),
+    )  # fmt: skip
+    tangent = touched_tangent(model.tangent(state.unknowns), bordering.field, press)
+    centre, loads = body_loads(body_mass(model), state.positions)
+    padded = np.concatenate([loads, np.zeros((state.unknowns.size - len(loads), 6))])
+    motion, border = solver.system(tangent, bordering).solve(padded)
+    return touched_response(model, patches, state, grasp, Standing(centre, loads, motion, border))
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What a shell does under unit wrenches about `centre` while pins and bodies stand still.
+
+    Attributes:
+        centre: (3,) [m]. loads: (3 n, 6) nodal forces of the wrenches. motion: (N, 6) of all
+            unknowns. border: pushes of the pins, then multipliers of what is held, (b, 6).
+    """
+
+    centre: Array
+    loads: Array
+    motion: Array
+    border: Array
+
+
+def touched_response(
+    model: ShellModel,
+    patches: tuple[ContactPatch, ...],
+    state: Equilibrium,
+    grasp: GraspContacts,
+    standing: Standing,
+) -> Response:
+    """What that motion changes of each contact: its push, its place, its friction, its normal."""
+    around = [
+        read_grasp(model, patches, _moved(model, patches, state, *columns), friction=0.0)
+        for columns in zip(standing.motion.T, standing.border.T, strict=True)
+    ]
+    push, across, spin = (
+        np.stack([(getattr(one, name) - getattr(grasp, name)) for one in around], axis=-1)
+        / SMALL_LOAD
+        for name in ('push', 'tangential', 'spin')
+    )
+    before = grasp.push[:, None] * grasp.normal + grasp.tangential
+    force = np.stack(
+        [one.push[:, None] * one.normal + one.tangential - before for one in around], axis=-1
+    )
+    compliance = standing.loads.T @ standing.motion[: len(standing.loads)]
+    return Response(standing.centre, force / SMALL_LOAD, Sharing(push, across, spin), compliance)
+
+
+def _moved(
+    model: ShellModel,
+    patches: tuple[ContactPatch, ...],
+    state: Equilibrium,
+    motion: Array,
+    border: Array,
+) -> Equilibrium:
+    """The state after a small load whose unit moves the unknowns (N,) and the borders (b,)."""
+    step = SMALL_LOAD * motion.reshape(-1, 3)
+    pins = np.array([patch.body is None for patch in patches])
+    force, held = state.force.copy(), state.multipliers.copy()
+    force[pins] += SMALL_LOAD * border[: pins.sum()]
+    held += SMALL_LOAD * border[pins.sum() :][: len(held)]
+    bodies = [patch.body for patch in patches if patch.body is not None]
+    return replace(
+        state,
+        positions=state.positions + step[: len(state.positions)],
+        force=force,
+        multipliers=held,
+        touches=tuple(
+            _pressed_on(body, touch, model.outer_face.at(state.unknowns + step, touch.face.at))
+            for body, touch in zip(bodies, state.touches, strict=True)
+        ),
+    )
+
+
+def _pressed_on(body: Body, touch: Touch, face: FacePoints | ThickFacePoints) -> Touch:
+    """A touch after its points have moved a little, to `face`."""
+    if not len(touch.pressure):
+        return touch
+    before = touch.pose.distance(body.shape, touch.face.position).value
+    value = touch.pose.distance(body.shape, face.position).value
+    moved = face.position - touch.face.position
+    return replace(
+        touch,
+        face=face,
+        pressure=touch.pressure * value / before,
+        traction=touch.traction - np.einsum('pij,pj->pi', touch.stiffness, moved),
     )

@@ -134,6 +134,7 @@ RESULT = np.dtype(
         ('reaction_by_grip', '<f8', (2 * MAX_CONTACTS, MAX_AFFINE)),
         ('rigid_by_grip', '<f8', (MAX_RIGID, MAX_AFFINE)),
         ('spin', '<f8', MAX_CONTACTS),
+        ('arm', '<f8', MAX_CONTACTS),
         ('grasp_known', '<i8'),
         ('centre', '<f8', 3),
         ('share_push', '<f8', (MAX_CONTACTS, 6)),

@@ -60,7 +60,8 @@ def write(slot: Slot, answer: Answer, wall: float) -> None:
     record['answers'] = 0
     record['contacts'], record['rigid_count'] = k, r
     record['set_doubt'], record['reach'], record['refused'] = 0.0, 0.0, 0
-    record['carried'], record['spin'], record['grasp_known'] = IDENTITY.numbers, 0.0, 0
+    record['carried'], record['grasp_known'] = IDENTITY.numbers, 0
+    record['spin'], record['arm'] = 0.0, 0.0
     for name, value in answer.numbers.items():
         record[name] = value
     for name, rows in answer.contacts.items():

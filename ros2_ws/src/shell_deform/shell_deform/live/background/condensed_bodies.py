@@ -11,9 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from shell_deform.contact.contact_field import ContactField, Press, Touch
+from shell_deform.grasp.reading import body_loads
+from shell_deform.grasp.touching import Standing
 from shell_deform.live.background.condensed import HELD_ROWS, LATERAL_ROWS, Condensed
 from shell_deform.solve.borders import borders, negative_directions
 from shell_deform.solve.contact_step import touched_tangent
@@ -33,11 +36,13 @@ class Touched:
     Attributes:
         condensed: columns. rigid: (r,) amplitudes of the rigid motions there that nothing
             prevents. negative: directions of negative stiffness while pushes are given.
+        standing: what wrenches do while all bodies stand still.
     """
 
     condensed: Condensed
     rigid: Array
     negative: int
+    standing: Standing
 
     def stable(self, driven: NDArray[np.bool_]) -> bool:
         """Whether there are none while the depths of the `driven` (k,) bodies are given.
@@ -74,8 +79,13 @@ def touches_of(solver: EquilibriumSolver, case: LoadCase, state: Equilibrium) ->
     return press.touches
 
 
-def condense(solver: EquilibriumSolver, case: LoadCase, state: Equilibrium) -> Touched:
-    """Columns of an equilibrium under a case whose contacts are all bodies."""
+def condense(
+    solver: EquilibriumSolver, case: LoadCase, state: Equilibrium, mass: sp.csr_matrix
+) -> Touched:
+    """Columns of an equilibrium under a case whose contacts are all bodies.
+
+    `mass` (n, n) of the wall, over which wrenches on the object are spread.
+    """
     count = len(case.contacts)
     free = replace(case, force=np.zeros(count), displacement=np.full(count, np.nan))
     bordering = borders(solver.model, free)
@@ -95,11 +105,33 @@ def condense(solver: EquilibriumSolver, case: LoadCase, state: Equilibrium) -> T
     r = _rigid_rows(bordering.held, solver.model.free_modes)
     loads, below, moved = _unit_inputs(motions, elastic, held, r)
     eliminated = -depth @ (moved[pressing, 0] / corner[:, None])
-    fields, multipliers = system.solve(loads + eliminated, below, refinements=0)
+    centre, wrenches = body_loads(mass, state.positions)
+    padded = np.zeros((len(elastic), wrenches.shape[1]))
+    padded[: len(wrenches)] = wrenches
+    fields, multipliers = system.solve(
+        np.concatenate([loads + eliminated, padded], axis=1),
+        np.concatenate([below, np.zeros((held, wrenches.shape[1]))], axis=1),
+        refinements=0,
+    )
+    inputs = loads.shape[1]
+    columns = _outputs(
+        motions, fields[:, :inputs], multipliers[:, :inputs], moved, corner, r, count
+    )
+    # Bodies push as much more as brings them back to where they stand, what is rigid is balanced.
+    moving = [*pressing, *range(inputs - r - 1, inputs - 1)]
+    by = np.concatenate([columns.displacement[pressing], columns.rigid_reaction])[:, moving]
+    away = (depth.T @ fields[:, inputs:]) / corner[:, None]
+    given = np.linalg.solve(by, np.concatenate([away, multipliers[held - r :, inputs:]]))
     return Touched(
-        _outputs(motions, fields, multipliers, moved, corner, r, count),
+        columns,
         bordering.held[:, held - r :].T @ (state.unknowns - solver.model.start).reshape(-1),
         negative_directions(system, bordering),
+        Standing(
+            centre,
+            wrenches,
+            fields[:, inputs:] + fields[:, moving] @ given,
+            multipliers[:, inputs:] + multipliers[:, moving] @ given,
+        ),
     )
 
 

@@ -23,13 +23,16 @@ from shell_deform.contact.bodies import BodyError
 from shell_deform.contact.body_file import FingerBody
 from shell_deform.contact.contact_field import Memory, contact_field
 from shell_deform.contact.finger_bodies import OTHERS, sizes
-from shell_deform.contact.outer_face import FacePoints
+from shell_deform.grasp.contacts import GraspContacts
+from shell_deform.grasp.reading import Response, WallReader, WallState, body_mass, wall_reader
+from shell_deform.grasp.touching import read_grasp, touched_response
 from shell_deform.live.background.answer import Answer, write
 from shell_deform.live.background.condensed import CondensedSystem, contact_rows
 from shell_deform.live.background.condensed_bodies import Touched, condense, touches_of
 from shell_deform.live.background.contact_tracking import Touch
 from shell_deform.live.background.energy_density import EnergyDensity
 from shell_deform.live.background.fingers import Finger, laid
+from shell_deform.live.background.grasp_response import fill_grasp
 from shell_deform.live.background.load_case import Load
 from shell_deform.live.background.rest_shell import RestShell
 from shell_deform.live.background.second_order import Columns, SecondOrder
@@ -71,6 +74,7 @@ class Held:
     Attributes:
         fingers: by their numbers. state: the equilibrium. case: what it is under.
         touched, columns: about it. doubt: error of frozen contacts per squared step [1/m].
+        grasp: its contacts; response: how they share out loads. wall: what the wall bears.
     """
 
     fingers: tuple[Finger, ...]
@@ -79,6 +83,9 @@ class Held:
     touched: Touched
     columns: Columns
     doubt: float
+    grasp: GraspContacts
+    response: Response
+    wall: WallState
 
 
 class FingertipSolver:
@@ -92,6 +99,8 @@ class FingertipSolver:
         self._solver = EquilibriumSolver(model, NewtonOptions(stability=False))
         self._wall = float(model.shell.thickness.mean())
         self._energy_density = EnergyDensity(model)
+        self._mass = body_mass(model)
+        self._reader: WallReader | None = None
         self._second = SecondOrder(len(model.rest), self._wall)
         self._unloaded = self._solver.rest()
         if model.gas.is_sealed and model.gas.gauge_pressure or model.pressure:
@@ -202,12 +211,18 @@ class FingertipSolver:
         self.share, self.message = found.load_fraction, found.message
         found = replace(found, converged=True, message='')
         found = replace(found, touches=touches_of(self._solver, case, found))
-        touched = condense(self._solver, case, found)
+        touched = condense(self._solver, case, found, self._mass)
         columns = self._columns(fingers, found, touched)
         if anew:
             self._begin(fingers, columns)
         doubt = self._learn(None if anew else self._held, fingers, case, columns)
-        return Held(fingers, found, case, touched, columns, doubt)
+        model = self._solver.model
+        grasp = read_grasp(model, case.contacts, found, load.friction)
+        response = touched_response(model, case.contacts, found, grasp, touched.standing)
+        if anew or self._reader is None:
+            self._reader = wall_reader(model, case.contacts)
+        wall = self._reader.at(found.unknowns, found.force, found.displacement)
+        return Held(fingers, found, case, touched, columns, doubt, grasp, response, wall)
 
     def _met(
         self, touches: list[Touch], friction: float
@@ -354,7 +369,6 @@ class FingertipSolver:
     def _fill(self, slot: Slot, held: Held) -> None:
         fingers, state, condensed = held.fingers, held.state, held.touched.condensed
         count = len(fingers)
-        point, normal = _pressed(fingers, state)
         lateral = np.array([d for f in fingers for d in f.contact.lateral])
         pushed = np.repeat([touch.force for touch in state.touches], 2, axis=0)
         reaction = np.einsum('ki,ki->k', lateral, pushed)
@@ -387,8 +401,10 @@ class FingertipSolver:
                 'coarseness': [finger.coarseness for finger in fingers],
                 'lateral': lateral,
                 'rigid': held.touched.rigid,
-                'touch_point': point,
-                'touch_normal': normal,
+                'touch_point': held.grasp.point,
+                'touch_normal': held.grasp.normal,
+                'spin': held.grasp.spin,
+                'arm': held.grasp.arm,
                 'reaction': reaction,
                 'rigid_reaction': np.zeros(len(held.touched.rigid)),
                 'pose': self._pose.numbers,
@@ -407,6 +423,7 @@ class FingertipSolver:
             taxels=taxel_rows(fingers, state.touches),
         )
         write(slot, answer, self._wall)
+        fill_grasp(slot.record, held.response, held.wall)
         if slot.outer is not None and slot.outer_slope is not None:
             slot.outer[:] = self._solver.model.shell.outer_face(state.unknowns) - answer.surface
             slot.outer_slope[:] = 0.0
@@ -419,26 +436,6 @@ def _far(finger: Finger, touch: Touch) -> bool:
     reach = sizes([finger.carried])[1]
     leap = max(away, reach * float(np.linalg.norm(turned, axis=0).max()))
     return leap > 2.0 * finger.carried.size
-
-
-def _pressed(fingers: tuple[Finger, ...], state: Equilibrium) -> tuple[Array, Array]:
-    """Centres of pressure (k, 3) [m] and mean normals (k, 3) into the object there.
-
-    Those of a thick wall, which knows no normals at its points, are the axes of the contacts.
-    """
-    points, normals = [], []
-    for finger, touch in zip(fingers, state.touches, strict=True):
-        load = touch.weights * touch.pressure
-        if load.sum() > 0.0:
-            normal = finger.contact.axis
-            if isinstance(touch.face, FacePoints):
-                normal = -load @ touch.face.normal
-            points.append(load @ touch.face.position / load.sum())
-            normals.append(normal / np.linalg.norm(normal))
-        else:
-            points.append(finger.touch.point)
-            normals.append(finger.contact.axis)
-    return np.array(points), np.array(normals)
 
 
 def _few_points(fingers: tuple[Finger, ...], state: Equilibrium) -> str:

@@ -77,19 +77,23 @@ class GraspResponse:
         self._wall = self._reader.at(tracker.unknowns, state.force, dent)
         return True
 
-    def fill(self, record: np.void, count: int) -> None:
-        """Write what is known of `count` contacts into a result."""
-        found, wall = self._response, self._wall
-        record['grasp_known'] = int(found is not None)
-        if found is None or wall is None:
-            return
-        record['centre'] = found.centre
-        record['share_push'][:count] = found.sharing.push
-        record['share_across'][:count] = found.sharing.tangential
-        record['share_spin'][:count] = found.sharing.spin
-        record['body_compliance'] = found.compliance
-        record['stress'], record['stress_doubt'] = wall.stress, wall.doubt
-        record['strain'] = wall.strain
+    def fill(self, record: np.void) -> None:
+        """Write what is known into a result."""
+        if self._response is not None and self._wall is not None:
+            fill_grasp(record, self._response, self._wall)
+
+
+def fill_grasp(record: np.void, found: Response, wall: WallState) -> None:
+    """Write how a grasp shares out loads, and what the wall bears, into a result."""
+    count = len(found.force)
+    record['grasp_known'] = 1
+    record['centre'] = found.centre
+    record['share_push'][:count] = found.sharing.push
+    record['share_across'][:count] = found.sharing.tangential
+    record['share_spin'][:count] = found.sharing.spin
+    record['body_compliance'] = found.compliance
+    record['stress'], record['stress_doubt'] = wall.stress, wall.doubt
+    record['strain'] = wall.strain
 
 
 def standing(system: CondensedSystem, condensed: Condensed, centre: Array, loads: Array) -> Answer:

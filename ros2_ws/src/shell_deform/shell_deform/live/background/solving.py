@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.grasp.contacts import UNIFORM_ARM
 from shell_deform.grasp.reading import outer_feet
 from shell_deform.live.background.answer import Answer, write
 from shell_deform.live.background.carried import carried
@@ -321,6 +322,7 @@ class LiveSolver:
                 'reaction': -tracker.state.multipliers[rows.lateral_columns],
                 'rigid_reaction': -tracker.state.multipliers[HELD_ROWS * k :],
                 'spin': self._spins(),
+                'arm': [UNIFORM_ARM * c.patch.radius for c in contacts],
                 'carried': self._carried(surface).numbers,
                 'pose': self._pose_in_use.numbers,
                 'pose_covariance': np.zeros((6, 6)) if placement is None else placement.covariance,
@@ -337,7 +339,7 @@ class LiveSolver:
             energy_density=self._energy_density.at(positions),
         )
         write(slot, answer, self._wall)
-        self._grasp.fill(slot.record, k)
+        self._grasp.fill(slot.record)
         if self._gripping is not None:
             _fill_grips(slot, self._gripping, tracker.state.grips, rows)
         if self._face is not None and slot.outer is not None and slot.outer_slope is not None:

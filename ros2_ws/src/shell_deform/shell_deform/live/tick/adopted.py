@@ -56,6 +56,7 @@ class Adopted:
         self.touch_normal = record['touch_normal'][:k].copy()
         self.energy = float(record['energy'])
         self.spin = record['spin'][:k].copy()
+        self.arm = record['arm'][:k].copy()
         self.grasp_known = bool(record['grasp_known'])
         self.centre = record['centre'].copy()
         self.sharing = Sharing(

@@ -289,15 +289,12 @@ def contacts_of(estimator: Estimator, task: GraspTask) -> Seen:
         # What the fingers feel now, not what an elastic wall would make them feel.
         share = estimator.hold.share(adopted.fingers)
         force, spin = force * share[:, None], spin * share
-    radius = np.full(k, estimator.settings.default_radius)
-    if sample is not None and len(sample.finger) == k:
-        radius = sample.radius
     grasp = contacts(
         adopted.touch_point @ pose.rotation.T + pose.translation,
         normal / np.linalg.norm(normal, axis=1)[:, None],
         np.einsum('ki,ki->k', force, normal),
         task.friction,
-        UNIFORM_ARM * radius,
+        adopted.arm,
         force,
         spin,
     )

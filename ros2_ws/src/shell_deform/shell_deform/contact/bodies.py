@@ -55,6 +55,10 @@ class Shape(Protocol):
     def size(self) -> float:
         """What lies further than this from the origin is not touched [m]."""
 
+    @property
+    def front(self) -> float:
+        """Nor is what lies further than this along z [m]."""
+
     def distance(self, points: Array) -> Distance:
         """Distance of points (p, 3) in the shape's frame."""
 
@@ -74,6 +78,11 @@ class RoundBar:
     def size(self) -> float:
         """Unbounded: a bar has no other end."""
         return float(np.inf)
+
+    @property
+    def front(self) -> float:
+        """See `Shape`."""
+        return 0.0
 
     def distance(self, points: Array) -> Distance:
         """Distance of points (p, 3); beside and behind the rim from the bar's side."""
@@ -129,6 +138,11 @@ class RoundedHull:
     def size(self) -> float:
         """Distance of its furthest point from the origin [m]."""
         return float(np.linalg.norm(self.corners, axis=1).max()) + self.rounding
+
+    @property
+    def front(self) -> float:
+        """See `Shape`."""
+        return float(self.corners[:, 2].max()) + self.rounding
 
     @cached_property
     def _parts(self) -> tuple[Array, Array, Array]:
@@ -260,6 +274,14 @@ class Pose:
     def distance(self, shape: Shape, points: Array) -> Distance:
         """Distance of world points (p, 3) from a shape in this frame."""
         return shape.distance(self.inside(points)).turned(self.turn)
+
+    def at_least(self, shape: Shape, points: Array) -> Array:
+        """(p,) which no distance of world points (p, 3) from a shape here is below [m]."""
+        inside = self.inside(points)
+        ahead = inside[:, 2] - shape.front
+        if not np.isfinite(shape.size):
+            return np.asarray(ahead)
+        return np.maximum(ahead, np.sqrt(np.einsum('pi,pi->p', inside, inside)) - shape.size)
 
 
 def frame_of(normal: Array, along: Array | None = None) -> Array:

@@ -31,6 +31,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
+# Points further from a body than this share of the shell do not come to touch it in one step.
+FAR = 0.1
+
 
 class Face(Protocol):
     """What bodies touch, an `OuterFace` or a `ThickFace`; positions are all unknowns (N, 3)."""
@@ -52,6 +55,9 @@ class Face(Protocol):
 
     def at(self, control: Array, points: Index) -> Any:
         """The chosen points with their derivatives."""
+
+    def moved(self, face: Any, step: Array) -> Array:
+        """(p, 3) how the chosen points move with the unknowns (N, 3), to first order."""
 
     def forces(self, face: Any, force: Array) -> Array:
         """(N, 3) what forces (p, 3) [N] at the chosen points do on the unknowns."""
@@ -84,7 +90,8 @@ class Touch:
         body: its number among the bodies. pose: where it is. face: the pressed points.
         pressure: (p,) [Pa]. friction: (p, 3) that holds the face back [Pa], world axes.
         sticking: (p,) which points do not slip. traction: (p, 3) on the face [Pa].
-        stiffness: (p, 3, 3) minus its derivative by the position [Pa/m].
+        stiffness: (p, 3, 3) minus its derivative by the position [Pa/m], but for `growth`
+            (p, 3, 3) of it: what the friction that slips gains with the pressure.
         weights: (p,) area [m^2].
     """
 
@@ -96,6 +103,7 @@ class Touch:
     sticking: Flags
     traction: Array
     stiffness: Array
+    growth: Array
     weights: Array
 
     @property
@@ -140,6 +148,11 @@ class Press:
     def eliminated(self, now: Press) -> Array:
         """(N,) nodal forces of `now.missing` when this tangent's depths are eliminated."""
         return np.asarray(self.rows @ (now.missing[self.touching] / self.corner))
+
+    @property
+    def slips(self) -> bool:
+        """Whether anything slips that is pressed."""
+        return any(bool(np.any(touch.growth)) for touch in self.touches)
 
     def follow(self, now: Press, step: Array) -> Array:
         """Depths of all contacts after the control points moved by `step` (N,) from `now`."""
@@ -186,11 +199,15 @@ class ContactField:
 
     def _remembered(self, poses: list[Pose], places: Array) -> Memory:
         """The memory of points (p, 3) whose layer is not stretched."""
-        distance = [
-            pose.distance(body.shape, places).value
-            for pose, body in zip(poses, self.bodies, strict=True)
-        ]
-        return Memory(np.stack(distance), np.stack([pose.inside(places) for pose in poses]))
+        # Further away than any step goes a bound will do.
+        far = FAR * float(np.ptp(places, axis=0).max())
+        distances = []
+        for pose, body in zip(poses, self.bodies, strict=True):
+            distance = pose.at_least(body.shape, places)
+            near = np.flatnonzero(distance < far)
+            distance[near] = pose.distance(body.shape, places[near]).value
+            distances.append(distance)
+        return Memory(np.stack(distances), np.stack([pose.inside(places) for pose in poses]))
 
     def start(self, moved: Array, displacement: Array) -> Array:
         """Depth of every contact to start from: as prescribed, else where the body is now."""
@@ -214,14 +231,12 @@ class ContactField:
         for k, body in enumerate(self.bodies):
             c = int(self.contacts[k])
             pose = body.posed(float(depths[c]), motion[c])
-            distance = pose.distance(body.shape, places)
-            pressure = self._pressure(distance.value)
-            if not self.driven[k] and not np.any(pressure > 0.0):
+            at, distance = self._pressed(pose, body, places)
+            if not self.driven[k] and not len(at):
                 depths[c] = self._depth(k, places, float(depths[c]), float(force[c]), motion[c])
                 pose = body.posed(float(depths[c]), motion[c])
-                distance = pose.distance(body.shape, places)
-                pressure = self._pressure(distance.value)
-            touch = self._touch(k, pose, control, distance, pressure)
+                at, distance = self._pressed(pose, body, places)
+            touch = self._touch(k, pose, control, at, distance)
             touches.append(touch)
             gradient -= self.face.forces(touch.face, touch.forces)
             forces[c] = float(touch.force @ body.axis)
@@ -243,27 +258,30 @@ class ContactField:
             missing,
         )
 
-    def _pressure(self, distance: Array) -> Array:
-        return np.maximum(0.0, -self.stiffness * distance)
+    def _pressed(self, pose: Pose, body: Body, places: Array) -> tuple[Index, Distance]:
+        """Which points a body overlaps, and their distances."""
+        near = np.flatnonzero(pose.at_least(body.shape, places) < 0.0)
+        found = body.shape.distance(pose.inside(places[near]))
+        inside = np.flatnonzero(found.value < 0.0)
+        chosen = Distance(found.value[inside], found.normal[inside], found.hessian[inside])
+        return near[inside], chosen.turned(pose.turn)
 
-    def _touch(
-        self, k: int, pose: Pose, control: Array, distance: Distance, pressure: Array
-    ) -> Touch:
-        """Tractions and their derivatives where body k presses."""
-        at = np.flatnonzero(pressure > 0.0)
+    def _touch(self, k: int, pose: Pose, control: Array, at: Index, distance: Distance) -> Touch:
+        """Tractions and their derivatives where body k presses the points `at`."""
         face = self.face.at(control, at)
-        pressure, normal = pressure[at], distance.normal[at]
+        pressure, normal = -self.stiffness[at] * distance.value, distance.normal
         crossing = np.einsum('pi,pj->pij', normal, normal)
         stiffness = self.stiffness[at, None, None] * crossing
-        stiffness -= pressure[:, None, None] * distance.hessian[at]
+        stiffness -= pressure[:, None, None] * distance.hessian
         traction = pressure[:, None] * normal
         friction, sticking = np.zeros_like(traction), np.zeros(len(at), dtype=bool)
+        growth = np.zeros_like(stiffness)
         mu = self.bodies[k].friction
         if mu > 0.0:
             flat = np.eye(3) - crossing
             # Where a point came to touch within this step: this share of the way along it.
             before = np.maximum(self.memory.distance[k, at], 0.0)
-            left = 1.0 - before / np.maximum(before - distance.value[at], 1e-300)
+            left = 1.0 - before / np.maximum(before - distance.value, 1e-300)
             hard = left * self.slip_stiffness[at]
             slip = face.position - pose.outside(self.memory.anchor[k, at])
             trial = hard[:, None] * np.einsum('pij,pj->pi', flat, slip)
@@ -276,8 +294,13 @@ class ContactField:
             along = flat - lost * np.einsum('pi,pj->pij', unit, unit)
             stiffness += (share * hard)[:, None, None] * along
             traction = traction - friction
+            growth = (mu * self.stiffness[at])[:, None, None] * np.einsum(
+                'pi,pj->pij', np.where(sticking, 0.0, 1.0)[:, None] * unit, normal
+            )
         weights = self.face.weights[at]
-        return Touch(k, pose, face, pressure, friction, sticking, traction, stiffness, weights)
+        return Touch(
+            k, pose, face, pressure, friction, sticking, traction, stiffness, growth, weights
+        )
 
     def add(self, press: Press, data: Array) -> None:
         """Add the contacts' stiffness to the values of the shell's pattern."""
@@ -286,6 +309,15 @@ class ContactField:
                 continue
             weighted = touch.weights[:, None, None] * touch.stiffness
             self.face.add(touch.face, self.face.blocks(touch.face, weighted, touch.forces), data)
+
+    def grown(self, press: Press, step: Array) -> Array:
+        """(N,) nodal forces that a step (N,) adds by what the touches' stiffness leaves out."""
+        result = np.zeros_like(step)
+        for touch in press.touches:
+            moved = self.face.moved(touch.face, step.reshape(-1, 3))
+            force = touch.weights[:, None] * np.einsum('pij,pj->pi', touch.growth, moved)
+            result += self.face.forces(touch.face, force).reshape(-1)
+        return result
 
     def remembered(self, press: Press, control: Array) -> Memory:
         """The memory of a converged state, from which the next step starts.
@@ -306,7 +338,7 @@ class ContactField:
 
         def excess(depth: float) -> tuple[float, float]:
             there = body.posed(depth, motion).distance(body.shape, places)
-            pressure = self._pressure(there.value)
+            pressure = np.maximum(0.0, -self.stiffness * there.value)
             slope = there.normal @ body.axis
             bend = np.einsum('i,pij,j->p', body.axis, there.hessian, body.axis)
             rate = np.where(pressure > 0.0, self.stiffness * slope**2 - pressure * bend, 0.0)

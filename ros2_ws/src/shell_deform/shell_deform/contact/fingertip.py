@@ -152,6 +152,11 @@ class Fingertip:
         reach = np.hypot(x + radius * np.sin(angle), z + radius * np.cos(angle)).max()
         return float(np.hypot(reach, 0.5 * self.width) + self.rounding)
 
+    @property
+    def front(self) -> float:
+        """See `Shape`: the frame lies where the pad is foremost along its normal."""
+        return 0.0
+
     def distance(self, points: Array) -> Distance:
         """Distance of points (p, 3)."""
         beside = np.abs(points[:, 1]) - (0.5 * self.width - self.rounding)

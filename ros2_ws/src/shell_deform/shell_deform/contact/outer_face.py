@@ -40,6 +40,7 @@ class FacePoints:
         change: (p, 3, 3, 3) derivative of the position: [p, a, i, j] of component i by component
             j of the field a, x, a1 or a2.
         tangents: (p, 2, 3) a1 and a2. area: (p,) |a1 x a2|.
+        maps: (p, n) each, from control points to x, a1 and a2.
     """
 
     at: Index
@@ -48,6 +49,7 @@ class FacePoints:
     change: Array
     tangents: Array
     area: Array
+    maps: tuple[sp.csr_matrix, ...]
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,8 @@ class OuterFace:
 
     def at(self, control: Array, points: Index) -> FacePoints:
         """The chosen points with their derivatives."""
-        x, a1, a2 = (matrix[points] @ control for matrix in self.matrices)
+        maps = tuple(matrix[points] for matrix in self.matrices)
+        x, a1, a2 = (matrix @ control for matrix in maps)
         cross = np.cross(a1, a2)
         area = np.linalg.norm(cross, axis=1)
         normal = cross / area[:, None]
@@ -104,14 +107,20 @@ class OuterFace:
         change[:, 1] = -scale * (flat @ _crossing(a2))
         change[:, 2] = scale * (flat @ _crossing(a1))
         position = x + self.half[points][:, None] * normal
-        return FacePoints(points, position, normal, change, np.stack([a1, a2], axis=1), area)
+        tangents = np.stack([a1, a2], axis=1)
+        return FacePoints(points, position, normal, change, tangents, area, maps)
+
+    def moved(self, face: FacePoints, step: Array) -> Array:
+        """(p, 3) how the chosen points move with the control points (n, 3), to first order."""
+        fields = np.stack([matrix @ step for matrix in face.maps], axis=1)
+        return np.einsum('paij,paj->pi', face.change, fields)
 
     def forces(self, face: FacePoints, force: Array) -> Array:
         """Nodal forces (n, 3) of forces (p, 3) [N] at the chosen points."""
         fields = np.einsum('paij,pi->paj', face.change, force)
         result = np.zeros_like(self.shell.mesh.vertices)
-        for matrix, field in zip(self.matrices, fields.transpose(1, 0, 2), strict=True):
-            result += matrix[face.at].T @ field
+        for matrix, field in zip(face.maps, fields.transpose(1, 0, 2), strict=True):
+            result += matrix.T @ field
         return result
 
     def blocks(self, face: FacePoints, stiffness: Array, force: Array) -> Array:
@@ -133,18 +142,31 @@ class OuterFace:
         sizes = np.diff(shell.node_offsets)[element]
         for size in np.unique(sizes).tolist():
             chosen = np.flatnonzero(sizes == size)
-            own, at = element[chosen], face.at[chosen]
+            chosen = chosen[np.argsort(element[chosen], kind='stable')]
+            own, which = np.unique(element[chosen], return_inverse=True)
             nodes = shell.nodes[shell.node_offsets[own][:, None] + np.arange(size)]
-            rows = self.rows[self.offsets[at][:, None] + np.arange(size)]
+            rows = self.rows[self.offsets[face.at[chosen]][:, None] + np.arange(size)]
+            # Points of one triangle are summed before they are added: as many columns as one has.
+            nth = np.arange(len(chosen)) - np.searchsorted(which, which)
+            shape = len(own), int(nth.max()) + 1
+            half = rows @ blocks[chosen].reshape(-1, 3, 27)
+            left = np.zeros((*shape, 3, size, 9))
+            left[which, nth] = (
+                half.reshape(-1, size, 3, 3, 3).transpose(0, 3, 1, 2, 4).reshape(-1, 3, size, 9)
+            )
+            right = np.zeros((*shape, 3, size))
+            right[which, nth] = rows.transpose(0, 2, 1)
+            count = 3 * shape[1]
+            entries = left.reshape(len(own), count, -1).transpose(0, 2, 1) @ right.reshape(
+                len(own), count, size
+            )
             start = pattern.block_start[
                 pattern.block_offsets[own][:, None, None]
                 + size * np.arange(size)[:, None]
                 + np.arange(size)
             ]
-            row = pattern.row_length[nodes][:, :, None, None, None] * np.arange(3)[:, None]
-            where = start[..., None, None] + row + np.arange(3)
-            half = np.einsum('pka,paibj->pkibj', rows, blocks[chosen], optimize=True)
-            entries = np.einsum('pkibj,plb->pklij', half, rows, optimize=True)
+            row = pattern.row_length[nodes][:, :, None, None, None] * np.arange(3)[:, None, None]
+            where = start[:, :, None, None] + row + np.arange(3)[:, None]
             data += np.bincount(where.ravel(), entries.ravel(), len(data))
 
 

@@ -129,6 +129,11 @@ class ThickFace:
         shape = (FIELDS * len(at), self.shell.start.size)
         return sp.csr_matrix((values, (rows, columns)), shape=shape)
 
+    def moved(self, face: ThickFacePoints, step: Array) -> Array:
+        """(p, 3) how the chosen points move with the unknowns (N, 3), to first order."""
+        fields = (self._fields(face.at) @ step.reshape(-1)).reshape(-1, FIELDS)
+        return np.einsum('pif,pf->pi', face.change, fields)
+
     def forces(self, face: ThickFacePoints, force: Array) -> Array:
         """(N, 3) what forces (p, 3) [N] at the chosen points do on the unknowns."""
         on_fields = np.einsum('pif,pi->pf', face.change, force)

@@ -70,6 +70,7 @@ REQUEST = np.dtype(
         ('pose', '<f8', 7),
         ('tendon', '<f8'),
         ('friction', '<f8'),
+        ('hurried', '<i8'),
         ('rigid', '<f8', MAX_RIGID),
         ('grip', '<f8', (MAX_GRIPS, 6)),
         ('touch', TOUCH, MAX_CONTACTS),

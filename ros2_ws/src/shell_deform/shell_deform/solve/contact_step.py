@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """One load step with rigid bodies in contact: Newton's method on who touches and who sticks.
 
-A factorisation serves until who touches, or who sticks, is no longer what it was made for.
+A factorisation serves as long as the residual shrinks. It is symmetric; that the friction of what
+slips grows with the pressure, which it leaves out, is put in by iterating each of its solutions.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from shell_deform.contact.contact_field import ContactField, Press
 from shell_deform.factor.analysis import FactorError
+from shell_deform.factor.base import Factor
 from shell_deform.factor.bordered import BorderedFactor
 from shell_deform.model import Tangent
 from shell_deform.solve.borders import Borders
@@ -30,11 +32,27 @@ MOST_ITERATIONS = 60
 # Where who touches and sticks stays, iterations that shrink the residual less ask for a new
 # factorisation: friction bounds that follow the pressure slow them down.
 SLOW = 0.6
+# How often a solution is put into what the tangent leaves out.
+COUPLED = 2
 # After some iterations, in which contact regions find their place, a step that turns the work of
 # the forces along it to less than minus this share is cut, at most so often and to no less than
 # this share at a time, unless the residual is below the last number.
 FREE_ITERATIONS = 6
 OVERSHOOT, MOST_CUTS, SMALLEST_CUT, UNCUT_BELOW = 0.5, 5, 0.1, 1e-3
+
+
+@dataclass(frozen=True)
+class Known:
+    """A factorised tangent of a shell that bodies touch, near a state.
+
+    Attributes:
+        tangent: with the bodies' part. factor: of its stiffness, springs added. press: what the
+            bodies do there.
+    """
+
+    tangent: Tangent
+    factor: Factor
+    press: Press
 
 
 class ContactStep:
@@ -113,6 +131,7 @@ class ContactStep:
                     system = self._solver.system(tangent, self._bordering)
                 except FactorError as error:
                     return str(error)
+                self._solver.known = Known(tangent, system.factor, press)
             step, why = self._solved(system, gradient, pressed, press)
             if why:
                 return why
@@ -149,6 +168,9 @@ class ContactStep:
         below = np.concatenate([lacking, -bordering.held.T @ self._free])
         unbalanced = self._fixed_push - gradient - pressed.eliminated(press)
         step, self._border = system.solve(unbalanced, below, refinements=1)
+        for _ in range(COUPLED if pressed.slips else 0):
+            grown = unbalanced + self._field.grown(pressed, step)
+            step, self._border = system.solve(grown, below, refinements=0)
         self._iterations += 1
         if not np.all(np.isfinite(step)):
             return step, 'the stiffness is singular'

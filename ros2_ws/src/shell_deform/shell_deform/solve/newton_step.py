@@ -24,7 +24,7 @@ from shell_deform.factor.analysis import (
 from shell_deform.factor.bordered import BorderedFactor
 from shell_deform.model import ShellModel, Tangent
 from shell_deform.solve.borders import Borders, bordered
-from shell_deform.solve.contact_step import ContactStep
+from shell_deform.solve.contact_step import ContactStep, Known
 from shell_deform.solve.equilibrium import Equilibrium
 from shell_deform.solve.prediction import StepLoads
 
@@ -116,6 +116,8 @@ class StepSolver:
         self.model = model
         self.options = options or NewtonOptions()
         self._symbolic: SymbolicFactor | None = None
+        self.known: Known | None = None
+        """The last factorised tangent under rigid bodies."""
         self._wall = float(model.shell.thickness.max())
 
     def met(self, start: Equilibrium) -> Equilibrium:
@@ -128,7 +130,7 @@ class StepSolver:
     def take(self, model: ShellModel) -> None:
         """Go on with this model of the same shell; another discretisation is analysed anew."""
         if model.shell is not self.model.shell:
-            self._symbolic = None
+            self._symbolic = self.known = None
         self.model = model
 
     def factor(self, matrix: sp.csr_matrix) -> Factor:

@@ -18,8 +18,8 @@ from shell_deform.contact.contact_field import ContactField, Press, Touch
 from shell_deform.grasp.reading import body_loads
 from shell_deform.grasp.touching import Standing
 from shell_deform.live.background.condensed import HELD_ROWS, LATERAL_ROWS, Condensed
-from shell_deform.solve.borders import borders, negative_directions
-from shell_deform.solve.contact_step import touched_tangent
+from shell_deform.solve.borders import bordered, borders, negative_directions
+from shell_deform.solve.contact_step import Known, touched_tangent
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase
 from shell_deform.solve.newton import EquilibriumSolver
 
@@ -80,27 +80,40 @@ def touches_of(solver: EquilibriumSolver, case: LoadCase, state: Equilibrium) ->
 
 
 def condense(
-    solver: EquilibriumSolver, case: LoadCase, state: Equilibrium, mass: sp.csr_matrix
+    solver: EquilibriumSolver,
+    case: LoadCase,
+    state: Equilibrium,
+    mass: sp.csr_matrix,
+    near: Known | None = None,
 ) -> Touched:
     """Columns of an equilibrium under a case whose contacts are all bodies.
 
-    `mass` (n, n) of the wall, over which wrenches on the object are spread.
+    `mass` (n, n) of the wall, over which wrenches on the object are spread. By the tangent there,
+    or by one that is known `near` it: with who touched and slipped then.
     """
     count = len(case.contacts)
     free = replace(case, force=np.zeros(count), displacement=np.full(count, np.nan))
     bordering = borders(solver.model, free)
     assert bordering.field is not None
-    motions = _motions(bordering.field, state, case)
+    touches = state.touches if near is None else near.press.touches
+    motions = _motions(bordering.field, touches, state.unknowns.size, case)
     pressing = np.flatnonzero(motions.pressing)
     depth = motions.rows[pressing, :, 0].T
     corner = motions.corner[pressing, 0, 0]
-    press = Press(
-        state.touches, np.zeros_like(state.unknowns), state.force, state.displacement,
-        depth, corner, pressing, np.zeros(count),
-    )  # fmt: skip
-    tangent = solver.model.tangent(state.unknowns)
-    elastic = tangent.gradient + tangent.gas_pressure * tangent.gas_row
-    system = solver.system(touched_tangent(tangent, bordering.field, press), bordering)
+    if near is None:
+        still = np.zeros_like(state.unknowns)
+        press = Press(
+            touches, still, state.force, state.displacement, depth, corner, pressing,
+            np.zeros(count),
+        )  # fmt: skip
+        tangent = touched_tangent(solver.model.tangent(state.unknowns), bordering.field, press)
+        elastic = tangent.gradient + tangent.gas_pressure * tangent.gas_row
+        system = solver.system(tangent, bordering)
+    else:
+        tangent = replace(near.tangent, pad_rows=depth, pad_corner=corner)
+        elastic = tangent.gradient - near.press.gradient.reshape(-1)
+        elastic = elastic + tangent.gas_pressure * tangent.gas_row
+        system = bordered(solver.model, tangent, bordering, lambda _: near.factor)
     held = bordering.held.shape[1]
     r = _rigid_rows(bordering.held, solver.model.free_modes)
     loads, below, moved = _unit_inputs(motions, elastic, held, r)
@@ -141,12 +154,14 @@ def _rigid_rows(held: Array, modes: Array) -> int:
     return int(np.sum(beside < 1e-6 * np.linalg.norm(held, axis=0)))
 
 
-def _motions(field: ContactField, state: Equilibrium, case: LoadCase) -> _Motions:
-    """From the contacts as they were when the state was found."""
-    size, count = state.unknowns.size, len(case.contacts)
+def _motions(
+    field: ContactField, touches: tuple[Touch, ...], size: int, case: LoadCase
+) -> _Motions:
+    """From the contacts as they are told, on `size` unknowns."""
+    count = len(case.contacts)
     rows, corner = np.zeros((count, size, 3)), np.zeros((count, 3, 3))
     pressing = np.zeros(count, dtype=bool)
-    for k, (touch, contact) in enumerate(zip(state.touches, case.contacts, strict=True)):
+    for k, (touch, contact) in enumerate(zip(touches, case.contacts, strict=True)):
         if not len(touch.pressure):
             continue
         axes = np.stack([contact.axis, *contact.lateral], axis=1)

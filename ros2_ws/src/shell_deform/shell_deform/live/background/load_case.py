@@ -27,7 +27,7 @@ class Load:
         stamp: of the sample [ns]. reset: start from the undeformed shell.
         jump: time has jumped: the fingers touch anew, the last equilibrium is only a start.
         grips: (MAX_GRIPS, 6) motions of the object's grips, in its own frame.
-        friction: coefficient of bodies on the object.
+        friction: coefficient of bodies on the object. hurried: others wait behind it.
     """
 
     touches: tuple[Touch, ...]
@@ -41,6 +41,7 @@ class Load:
     jump: bool = False
     grips: Array = field(default_factory=lambda: np.zeros((MAX_GRIPS, 6)))
     friction: float = 0.0
+    hurried: bool = False
 
 
 def load_of(request: np.void, resets: int = 0, jumps: int = 0) -> Load:
@@ -74,4 +75,5 @@ def load_of(request: np.void, resets: int = 0, jumps: int = 0) -> Load:
         jump=int(request['jumps']) > jumps,
         grips=request['grip'].copy(),
         friction=float(request['friction']),
+        hurried=bool(request['hurried']),
     )

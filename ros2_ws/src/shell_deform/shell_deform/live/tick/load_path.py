@@ -161,6 +161,7 @@ class PathFeed:
         request = self.path.next()
         if request is None:
             return True
+        request[0]['hurried'] = self.path.waiting > 0
         self._last = request
         self._asked = worker.post(request)
         return False

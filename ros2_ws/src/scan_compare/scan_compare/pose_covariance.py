@@ -15,7 +15,9 @@ Three things make its covariance larger than least squares would say:
 
 Where nobody says which point belongs to which view, groups are patches of several sizes, and the
 size that makes the pose least certain counts, at the upper end of what it may be. Views that
-overlap everywhere stay partly unseen then: name them where the scanner tells them.
+overlap everywhere show in no patch: there they only scatter the points more than the scanner
+does. What exceeds its noise is then taken for the errors of FEWEST_VIEWS views laid through each
+other. A scanner that is worse than stated looks the same, and widens the sigma too.
 """
 
 from __future__ import annotations
@@ -36,6 +38,9 @@ MOST_GROUPS = 150
 
 SIGNIFICANT = 2.0
 """Standard deviations by which scores of patches exceed those of noise alone to count."""
+
+FEWEST_VIEWS = 6
+"""A whole object is merged of as many views or more: one towards each side. Fewer err together."""
 
 LEAST_SLOPE = 0.25
 """No direction is taken for more than twice as uncertain as with fixed weights."""
@@ -83,12 +88,16 @@ def slope_matrix(
 
 
 def covariance(
-    influence: Influence, foot: np.ndarray, radius: float, views: np.ndarray | None
+    influence: Influence,
+    foot: np.ndarray,
+    radius: float,
+    views: np.ndarray | None,
+    scanner_sigma: float,
 ) -> np.ndarray:
     """Return the covariance (6, 6) of the motion (arc, translation).
 
     foot (n, 3): where the points lie [m]; radius of the object [m]; views (n,): the number of the
-    view of each point, None where it is unknown.
+    view of each point, None where it is unknown; scanner_sigma: noise of one point [m].
     """
     used = np.any(influence.pose != 0.0, axis=1)
     n = int(np.count_nonzero(used))
@@ -101,6 +110,8 @@ def covariance(
     # Patches are tried for want of views: only what noise alone would not show counts there.
     doubt = 0.0 if views is not None else SIGNIFICANT
     found = [_shared(influence, groups.reshape(-1), doubt) for groups in groupings]
+    if views is None:
+        found.append(_mixed(influence, used, scanner_sigma))
     return white + max(found, key=lambda part: float(np.trace(part)), default=np.zeros((6, 6)))
 
 
@@ -163,6 +174,22 @@ def _shared(influence: Influence, groups: np.ndarray, doubt: float) -> np.ndarra
         size * np.einsum('gik,gjk->ij', pulls[:, :, part], pulls[:, :, part])
         for size, part in zip(sizes, parts, strict=True)
     ) + np.zeros((6, 6))
+
+
+def _mixed(influence: Influence, used: np.ndarray, scanner_sigma: float) -> np.ndarray:
+    """Return the covariance (6, 6) that views laid through each other give the pose.
+
+    Every view shifts by as much as the points scatter beyond the scanner's noise.
+    """
+    square = influence.distance[used] ** 2
+    noise = scanner_sigma**2
+    # Of normal noise squares scatter by sqrt(2) of their mean.
+    excess = float(square.mean()) - noise * (1.0 + SIGNIFICANT * np.sqrt(2.0 / len(square)))
+    if excess <= 0.0:
+        return np.zeros((6, 6))
+    view = np.arange(len(used)) % FEWEST_VIEWS
+    pulls = _by_group(influence.pose, influence.rows, view, FEWEST_VIEWS)[:, :, 3:]
+    return (float(square.mean()) - noise) * np.einsum('gik,gjk->ij', pulls, pulls)
 
 
 def _by_group(left: np.ndarray, right: np.ndarray, groups: np.ndarray, count: int) -> np.ndarray:

@@ -181,7 +181,7 @@ def register(
     step = _solve(fit, scanner_sigma_m)
     known = np.empty((0, 3)) if contacts is None else np.asarray(contacts, float)
     of_view = None if views is None else np.asarray(views)[chosen]
-    spread = _covariance(fit, step, of_view)
+    spread = _covariance(fit, step, of_view, scanner_sigma_m)
     outside = usable[chosen] & (fit.distances.displacement <= surface.dent_threshold)
     check = check_fit(
         points[chosen],
@@ -352,7 +352,9 @@ def _describe(
     return replace(found, text=_explain(fit, step, found, contacts))
 
 
-def _covariance(fit: _Fit, step: _Step, views: np.ndarray | None) -> np.ndarray:
+def _covariance(
+    fit: _Fit, step: _Step, views: np.ndarray | None, scanner_sigma: float
+) -> np.ndarray:
     """Return the covariance (6, 6) of the motion (arc, translation).
 
     A uniform offset that is kept apart from the pose is none of its errors.
@@ -377,7 +379,7 @@ def _covariance(fit: _Fit, step: _Step, views: np.ndarray | None) -> np.ndarray:
     if directions.shape[1]:
         pose = np.linalg.solve(normal, equations.T).T @ directions.T
     influence = Influence(fit.rows, pose, distance, free, fitted)
-    return covariance(influence, fit.distances.foot, fit.radius, views)
+    return covariance(influence, fit.distances.foot, fit.radius, views, scanner_sigma)
 
 
 def _explain(fit: _Fit, step: _Step, found: Registration, contacts: np.ndarray) -> str:

@@ -232,6 +232,18 @@ def test_views_that_nobody_names_still_widen_the_covariance() -> None:
     assert np.trace(unnamed.covariance) > 0.2 * np.trace(named.covariance)
 
 
+def test_views_laid_through_each_other_show_as_noise_beyond_that_of_the_scanner() -> None:
+    points = drawn('white', 4)[0]
+    generator = np.random.default_rng(5)
+    view = generator.integers(0, 10, len(points))
+    mixed = points + (0.1e-3 * generator.standard_normal((10, 3)))[view]
+    white, doubtful = (register(scan, odd_body()) for scan in (points, mixed))
+    assert np.trace(doubtful.covariance[3:, 3:]) > 3.0 * np.trace(white.covariance[3:, 3:])
+    # a scanner that is as bad as that shows no views
+    worse = register(mixed, odd_body(), scanner_sigma_m=0.2e-3)
+    assert np.trace(worse.covariance[3:, 3:]) < 0.5 * np.trace(doubtful.covariance[3:, 3:])
+
+
 def boxed(seed: int, share: float) -> np.ndarray:
     """A scan whose `share` of points lies anywhere in a box about the body."""
     generator = np.random.default_rng(seed)

@@ -29,6 +29,7 @@ from grasp_common.messages import diagnostics
 from grasp_common.point_cloud import MessageError
 
 from . import messages
+from .curves import Curves
 from .hand_description import DescriptionError, barrett_hand, read_description
 from .page import BUTTONS, Page, PageError
 from .parameters import PARAMETERS, usage
@@ -111,6 +112,7 @@ class GraspView(Node):
         )
         self._series = TimeSeries(SERIES, span, int(span * self._rate) + 1)
         self._history: History[Snapshot] = History(span, int(span / HISTORY_PERIOD_S) + 1)
+        self._curves = Curves()
         self._commands: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._start = time.monotonic()
         self._latency = float('nan')
@@ -128,6 +130,7 @@ class GraspView(Node):
             self._commands.put,
             self._series,
             self._history,
+            self._curves,
             () if self.get_parameter('what_if').value else tuple(BUTTONS),
         )
         self._calls = ServiceCalls(self, self.page.answer)
@@ -190,7 +193,7 @@ class GraspView(Node):
         listen(
             'hand/contacts',
             PointCloud2,
-            keep('contacts', messages.read_contacts),
+            self._take_contacts,
             depth=CONTACTS_KEPT,
             note=self._note_contacts,
         )
@@ -198,6 +201,8 @@ class GraspView(Node):
         for name in ('linear', 'nonlinear'):
             listen(f'deformation/{name}', PointCloud2, keep(name, messages.read_surface))
         listen('deformation/grasp', PointCloud2, keep('grasp', messages.read_grasp))
+        listen('deformation/later_force', PointCloud2, self._take_later)
+        listen('deformation/grips', PointCloud2, self._take_grips)
         listen('hand/joint_states', JointState, keep('joints', messages.read_joints))
         read_hand = keep('hand', lambda m: read_description(str(m.data)))
         listen('robot_description', String, read_hand, latched=True)
@@ -246,6 +251,17 @@ class GraspView(Node):
             self._keep(numbers={**self._snapshot.numbers, name: float(message.data)})
 
         return take
+
+    def _take_contacts(self, message: PointCloud2, _: float) -> None:
+        contacts = messages.read_contacts(message)
+        self._keep(contacts=contacts)
+        self._curves.hold.add(contacts)
+
+    def _take_later(self, message: PointCloud2, _: float) -> None:
+        self._curves.hold.later = messages.read_later(message)
+
+    def _take_grips(self, message: PointCloud2, _: float) -> None:
+        self._curves.turn.add(messages.read_grips(message))
 
     def _note_contacts(self, message: PointCloud2, sent: float) -> None:
         self._sent[messages.seconds(message.header.stamp)] = sent

@@ -16,6 +16,7 @@ from shape_msgs.msg import Mesh as MeshMessage
 from grasp_common.messages import cloud, nanoseconds
 from grasp_common.point_cloud import CloudReader, MessageError
 
+from .curves import GripState, Later
 from .grasp_measures import GraspMeasures
 from .hand_description import joint_positions
 from .poses import Pose
@@ -102,6 +103,31 @@ def read_grasp(message: PointCloud2) -> GraspMeasures:
         int(if_told('slip_finger', -1.0)),
         if_told('dent_push', 0.0),
         if_told('stress_resolved', 0.0) > 0.0,
+    )
+
+
+def read_later(message: PointCloud2) -> Later:
+    """`deformation/later_force`; rows that are not finite are left out."""
+    reader = CloudReader('deformation/later_force')
+    rows = reader.columns(reader.read(message), ('finger', 'later', 'force', 'sigma'))
+    rows = rows[np.isfinite(rows).all(axis=1) & (rows[:, 1] > 0.0)].astype(np.float64)
+    return Later(*rows.T)
+
+
+def read_grips(message: PointCloud2) -> tuple[GripState, ...]:
+    """`deformation/grips`: a row a grip."""
+    reader = CloudReader('deformation/grips')
+    points = reader.read(message)
+    vectors = [
+        reader.columns(points, names).astype(np.float64)
+        for names in (('rx', 'ry', 'rz'), ('fx', 'fy', 'fz'), ('tx', 'ty', 'tz'))
+    ]
+    if not all(np.isfinite(one).all() for one in vectors):
+        raise MessageError('a turn or a torque is not finite')
+    told = reader.columns(points, ('friction_torque', 'friction_capacity'))
+    return tuple(
+        GripState(k, *(one[k] for one in vectors), *map(float, told[k]))
+        for k in range(len(points))
     )
 
 

@@ -18,6 +18,8 @@ from PIL import Image
 from . import plot_export, words
 from .aim import VIEWS
 from .colour_map import legend_html
+from .curve_svg import hold_curve_html, turn_curve_html
+from .curves import Curves
 from .front_page import TITLE, FrontPage
 from .grasp_measures import hold_html
 from .own_server import OwnServer
@@ -56,6 +58,7 @@ class Page:
         command: Command,
         series: TimeSeries,
         history: History[Snapshot],
+        curves: Curves,
         buttons: Sequence[str] = tuple(BUTTONS),
     ) -> None:
         """Serve on http://host:port; raises PageError where that cannot be done.
@@ -77,7 +80,7 @@ class Page:
                 f'port {port} on {host} is taken (the next free one would be {taken}); '
                 'choose another by the parameter port'
             )
-        self._series, self._history = series, history
+        self._series, self._history, self._curves = series, history, curves
         self._visitors = Visitors(self.server)
         self.scene = SceneView(self.server, self._visitors)
         self._probe = Probe(self.server)
@@ -94,6 +97,7 @@ class Page:
         self._numbers = gui.add_html('')
         self._hold = gui.add_html(hold_html(None))
         self._section = gui.add_html(section_html(None))
+        self._held, self._turned = gui.add_html(''), gui.add_html('')
         self.replay = ReplayPanel(self.server, self._command)
         self._quantity = gui.add_dropdown(
             'Colour',
@@ -230,6 +234,8 @@ class Page:
             ('numbers', self._numbers, words.largest_html(snapshot, now) + numbers),
             ('hold', self._hold, hold_html(snapshot.grasp)),
             ('section', self._section, section_html(section)),
+            ('held', self._held, hold_curve_html(self._curves.hold)),
+            ('turned', self._turned, turn_curve_html(self._curves.turn)),
         ):
             if self._texts.get(name) != text:
                 element.content = self._texts[name] = text

@@ -55,6 +55,8 @@ class Grasp:
         self.depth = 0.0
         self.sigma = 1e-4
         self.energy: float | None = None
+        self.turned = False
+        self._angle = 0.0
         self.called: list[str] = []
         self._context = Context()
         rclpy.init(context=self._context)
@@ -69,6 +71,8 @@ class Grasp:
                 'deformation/nonlinear',
                 'hand/contacts',
                 'scan/error',
+                'deformation/later_force',
+                'deformation/grips',
             )
         }
         self._joints = make(JointState, 'hand/joint_states', 10)
@@ -115,6 +119,21 @@ class Grasp:
         angle = np.arccos(np.clip(np.abs(normal[:, 0]), -1, 1))
         return -normal * (depth * np.exp(-((angle / 0.4) ** 2)))[:, None]
 
+    def _turn(self, stamp: object) -> None:
+        """A neck turned on and on, and the forces to come of fingers that stay."""
+        self._angle = min(self._angle + 0.01, 0.9)
+        push = 2000 * self.depth
+        coming = [
+            [f, t, share * push, 0.4] for f in (1, 3) for t, share in ((10, 0.97), (600, 0.9))
+        ]
+        fields = ('finger', 'later', 'force', 'sigma')
+        self._clouds['deformation/later_force'].publish(cloud(np.array(coming), fields, stamp))
+        row = np.zeros((1, 15))
+        row[0, 6], row[0, 12:] = self._angle, (self._angle, -self._angle, 1.0)
+        names = ('grip', 'x', 'y', 'z', 'rx', 'ry', 'rz', 'fx', 'fy', 'fz', 'tx', 'ty', 'tz')
+        names = (*names, 'friction_torque', 'friction_capacity')
+        self._clouds['deformation/grips'].publish(cloud(row, names, stamp))
+
     def _publish(self) -> None:
         stamp = self._node.get_clock().now().to_msg()
         depth, sigma = self.depth, self.sigma
@@ -135,6 +154,8 @@ class Grasp:
             self._clouds[f'deformation/{name}'].publish(cloud(columns, fields, stamp))
         at = np.array([[RADIUS - depth, 0, 0], [depth - RADIUS, 0, 0]])
         inward = np.array([[-1.0, 0, 0], [1.0, 0, 0]])
+        if self.turned:
+            self._turn(stamp)
         self._clouds['hand/contacts'].publish(
             contacts_message(
                 Contacts(

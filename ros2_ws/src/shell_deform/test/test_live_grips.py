@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import time
+from dataclasses import replace
 from functools import partial
 
 import live_hand
@@ -15,6 +16,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.qos import QoSProfile
 from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import PointCloud2
 from tests.executables import executable
 from tests.patience import Patience
 
@@ -22,12 +24,15 @@ from shell_deform.building import build_model
 from shell_deform.live.background.solving import LiveSolver
 from shell_deform.live.grip_motion import GripPlan, GripPoses, followed, topic_of, unwrapped
 from shell_deform.live.pose import IDENTITY, pose_of
+from shell_deform.live.tick.grasp import GraspTask, contacts_of
+from shell_deform.live.tick.grip_told import GRIP_FIELDS, WrenchMemory, grip_rows
 from shell_deform.live.tick.rehearsal import Rehearsal
 from shell_deform.live.tick.sample import no_contacts
 from shell_deform.objects import load_object
 from shell_deform.solve.equilibrium import gripped
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.supports.grips import turned_together
+from shell_deform.theory.relaxation import log_law
 
 SCANNER = 0.127e-3
 LENGTH = 0.08
@@ -141,6 +146,61 @@ def test_a_finger_presses_what_is_twisted(model):
     assert live.estimator.adopted.grips[1, 5] == pytest.approx(np.radians(8.0))
 
 
+def test_fingers_that_hold_against_a_turn_give_its_torque_by_friction(tmp_path):
+    """A neck turned between three pins: what the grip feels is what their friction gives."""
+    path = tmp_path / 'tube.yaml'
+    path.write_text(TUBE.replace('  - {kind: grip, where: lower}\n', ''))
+    model = build_model(load_object(str(path)))
+    live = Rehearsal(model)
+    corners = np.radians([0.0, 120.0, 240.0])
+    out = np.stack([np.cos(corners), np.sin(corners), 0.0 * corners], axis=1)
+    places = 0.02 * out - np.array([0.0, 0.0, 0.02])
+    sample = live_hand.sample(places, -out, [0.3] * 3, [np.nan] * 3, stamp=1)
+    live.settle(sample)
+    motion = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, np.radians(1.5)]])
+    live.estimator.grips.take(0, pose_of(pose_numbers(model.grips[0], motion[0])), IDENTITY)
+    live.settle(replace(sample, stamp=2))
+    estimator = live.estimator
+    fingers = contacts_of(estimator, GraspTask(friction=0.5)).grasp
+    origins = np.array([grip.origin for grip in model.grips])
+    rows = grip_rows(estimator.adopted, estimator.adopted.grip_wrench, origins, IDENTITY, fingers)
+    (row,) = rows.astype(float)
+    told = dict(zip(GRIP_FIELDS, row, strict=True))
+    assert told['rz'] == pytest.approx(np.radians(1.5), rel=1e-5)
+    # The normals turn a little under the pins: what presses along them turns the tube, too.
+    pressed = np.cross(fingers.point, fingers.push[:, None] * fingers.normal)[:, 2].sum()
+    # Fingers touch the outer face, half a wall further out than where the model presses: 5 %.
+    assert told['friction_torque'] + pressed == pytest.approx(-told['tz'], rel=0.06)
+    assert abs(pressed) < 0.4 * abs(told['tz'])
+    assert told['friction_capacity'] == pytest.approx(0.5 * 3 * 0.3 * 0.02, rel=0.06)
+
+
+class Turned:
+    """What an equilibrium tells of one grip."""
+
+    def __init__(self, seconds, torque, turn=0.0):
+        self.stamp = round(1e9 * seconds)
+        self.grip_pose = np.array([[0.0, 0.0, 0.0, turn, 0.0, 0.0]])
+        across = Rotation.from_rotvec([turn, 0.0, 0.0]).apply([0.0, 0.0, torque])
+        self.grip_wrench = np.array([[0.0, 0.0, 0.0, *across]])
+
+
+def test_the_torque_of_a_wall_that_relaxes_falls_as_its_law_says_however_it_is_carried_about():
+    law = log_law(0.05, 0.1, 1000.0)
+    memory = WrenchMemory(law)
+    for seconds in (0.0, 1.0, 60.0, 600.0):
+        felt = memory.felt(Turned(seconds, 2.0, turn=0.01 * seconds))
+        assert np.linalg.norm(felt[0, 3:]) == pytest.approx(2.0 * float(law(seconds)), rel=1e-9)
+    late = memory.felt(Turned(30.0, 9.0))
+    assert np.isfinite(late).all()
+    again = memory.felt(Turned(600.0, 2.0, turn=6.0))
+    assert np.linalg.norm(again[0, 3:]) == pytest.approx(2.0 * float(law(600.0)), rel=1e-9)
+    memory.forget()
+    fresh = memory.felt(Turned(900.0, 2.0))
+    assert np.linalg.norm(fresh) == pytest.approx(2.0 * float(law(0.0)))
+    assert WrenchMemory(None).felt(Turned(1.0, 2.0))[0, 5] == 2.0
+
+
 def test_grips_that_tear_the_object_apart_are_told_and_the_last_good_state_is_kept(model):
     live = Rehearsal(model)
     pulled = np.zeros((2, 6))
@@ -203,8 +263,10 @@ class Arm:
     def __init__(self, observer, model):
         self.observer, self.model = observer, model
         self.wrenches: list[WrenchStamped] = []
-        self.poses = observer.node.create_publisher(PoseStamped, 'grip/upper/pose', 10)
         many = QoSProfile(depth=500)
+        self.rows: list[PointCloud2] = []
+        observer.node.create_subscription(PointCloud2, 'deformation/grips', self.rows.append, many)
+        self.poses = observer.node.create_publisher(PoseStamped, 'grip/upper/pose', 10)
         observer.node.create_subscription(
             WrenchStamped, 'deformation/grip/upper/wrench', self.wrenches.append, many
         )
@@ -290,6 +352,11 @@ def test_every_pose_of_an_arm_is_answered_and_the_served_turn_is_the_converged_o
         partial(arm.move, last),
     )
     assert arm.wrenches[-1].header.frame_id == 'object'
+    rows = live_hand.packed(arm.rows[-1])
+    assert tuple(field.name for field in arm.rows[-1].fields) == GRIP_FIELDS
+    assert rows[1, 6] == pytest.approx(last, abs=1e-5) and not rows[0, 4:7].any()
+    assert rows[1, 12] == pytest.approx(arm.wrenches[-1].wrench.torque.z, rel=1e-3)
+    assert np.isnan(rows[:, 13:]).all()
     assert hand.state == 'NO_HAND' or not hand.state
 
 

@@ -34,11 +34,13 @@ from shell_deform.live.background.worker_link import (
 from shell_deform.live.exchange import Slot
 from shell_deform.live.pose import Pose, PoseError, pose_of
 from shell_deform.live.tick import diagnosis
+from shell_deform.live.tick.adopted import Adopted
 from shell_deform.live.tick.contact_cloud import ContactReader
 from shell_deform.live.tick.estimator import Estimator, Served
 from shell_deform.live.tick.finger_path import FingerPath
 from shell_deform.live.tick.first_touch import FirstTouch
-from shell_deform.live.tick.grasp import GraspTick
+from shell_deform.live.tick.grasp import GraspTick, contacts_of
+from shell_deform.live.tick.grip_told import WrenchMemory, grip_rows
 from shell_deform.live.tick.health import Arrival, Figures, process_age
 from shell_deform.live.tick.hold import ForceMemory
 from shell_deform.live.tick.mesh_following import MeshFollower
@@ -102,6 +104,7 @@ class DeformationNode(Node):
         self._topics = DeformationTopics(self)
         self._grasp = GraspTick()
         self._grips = GripTopics(self, self._grip_moved)
+        self._wrenches = WrenchMemory(None)
         self._touching: ContactSample | None = None
         self._path = FingerPath()
         self._tactile = Tactile(self)
@@ -331,7 +334,7 @@ class DeformationNode(Node):
         topics = self._topics
         topics.numbers(served)
         if new_result and estimator.adopted is not None:
-            self._grips.answer(estimator.adopted, estimator.pose_in_use, self._frame)
+            self._tell_grips(estimator, estimator.adopted)
         if topics.wanted('linear'):
             topics.cloud('linear', estimator.linear(), served.stamp, self._frame)
         if new_result and topics.wanted('nonlinear'):
@@ -352,6 +355,21 @@ class DeformationNode(Node):
             topics.later(estimator.hold.later(), served.stamp, self._frame)
         if self._learns and self.modulus is not None:
             self._learn(estimator, self.modulus)
+
+    def _tell_grips(self, estimator: Estimator, adopted: Adopted) -> None:
+        """What the grips do at a new equilibrium, as a wrist would feel it now."""
+        grips = estimator.grips
+        if grips is None:
+            return
+        wrench = self._wrenches.felt(adopted)
+        self._grips.answer(wrench, estimator.pose_in_use, adopted.stamp, self._frame)
+        if self._topics.grips_wanted:
+            seen = contacts_of(estimator, self._grasp.task) if len(adopted.fingers) else None
+            rows = grip_rows(
+                adopted, wrench, grips.plan.origins, estimator.pose_in_use,
+                None if seen is None else seen.grasp,
+            )  # fmt: skip
+            self._topics.grips(rows, adopted.stamp, self._frame)
 
     def _learn(self, estimator: Estimator, modulus: ModulusFilter) -> None:
         """Young's modulus from this sample, published when the sample said something."""
@@ -388,6 +406,7 @@ class DeformationNode(Node):
         self.link.worker.disown()
         self._path.clear()
         self._tactile.forget()
+        self._wrenches.forget()
         self.served = None
         if self.estimator is not None:
             self.estimator.forget()
@@ -446,6 +465,7 @@ class DeformationNode(Node):
         young = shell_object.modulus(self.link.worker.theory)
         self.modulus = ModulusFilter(young, self._settings.errors)
         self._grasp.yield_stress = shell_object.yield_stress_pa or 0.0
+        self._wrenches = WrenchMemory(shell_object.relaxation)
         if shell_object.relaxation is not None:
             self.estimator.hold = ForceMemory(shell_object.relaxation)
         self._topics.resize(len(memory.rest), memory.rest_outer is not None)

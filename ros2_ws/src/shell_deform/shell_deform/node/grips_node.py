@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
+from numpy.typing import NDArray
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -20,7 +21,6 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from grasp_common.messages import nanoseconds
 from shell_deform.live.grip_motion import GripPlan
 from shell_deform.live.pose import Pose, PoseError
-from shell_deform.live.tick.adopted import Adopted
 from shell_deform.node import messages
 
 # As for other poses; the newest is what counts.
@@ -85,10 +85,10 @@ class GripTopics:
         self._newest[number] = stamp
         self._moved(number, pose, stamp, message.header.frame_id)
 
-    def answer(self, adopted: Adopted, placed: Pose, frame: str) -> None:
-        """What the grips do at an equilibrium; the object lies as `placed` in `frame`."""
-        for wrench, publisher in zip(adopted.grip_wrench, self._wrenches, strict=True):
+    def answer(self, wrenches: NDArray[np.float64], placed: Pose, stamp: int, frame: str) -> None:
+        """What the grips do (g, 6) at an equilibrium; the object lies as `placed` in `frame`."""
+        for wrench, publisher in zip(wrenches, self._wrenches, strict=True):
             turned = (placed.rotation @ wrench.reshape(2, 3).T).T.reshape(-1)
             publisher.publish(  # type: ignore[attr-defined]
-                messages.wrench_message(turned, adopted.stamp, frame)
+                messages.wrench_message(turned, stamp, frame)
             )

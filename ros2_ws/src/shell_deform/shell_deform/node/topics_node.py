@@ -22,6 +22,7 @@ from grasp_common.messages import diagnostics, named_numbers, number
 from shell_deform.live.exchange import TAXEL_FIELDS
 from shell_deform.live.tick.estimator import Served
 from shell_deform.live.tick.grasp import GRASP_FIELDS, PLOTTED
+from shell_deform.live.tick.grip_told import GRIP_FIELDS
 from shell_deform.live.tick.hold import LATER_FIELDS
 from shell_deform.live.tick.modulus import ModulusEstimate
 from shell_deform.live.tick.serve_kernel import FIELDS, NONLINEAR_FIELDS, OUTER_FIELDS
@@ -60,6 +61,7 @@ class DeformationTopics:
         self._grasp_scalars = {name: self._make(Float64, f'grasp/{name}') for name in PLOTTED}
         self._taxels = self._make(PointCloud2, 'taxels')
         self._later = self._make(PointCloud2, 'later_force')
+        self._grips = self._make(PointCloud2, 'grips')
         self._numbers = self._make(JointState, 'numbers')
         self._modulus = self._make(Float64, 'modulus')
         self._modulus_sigma = self._make(Float64, 'modulus_sigma')
@@ -124,6 +126,16 @@ class DeformationTopics:
         """What the fingers will feel if they stay: a row for every finger and time."""
         writer = messages.SurfaceWriter(len(packed), LATER_FIELDS)
         self._later.publish(writer.message(packed, stamp, frame))
+
+    @property
+    def grips_wanted(self) -> bool:
+        """Whether somebody listens to all grips at once."""
+        return bool(self._grips.get_subscription_count())
+
+    def grips(self, packed: NDArray[np.float32], stamp: int, frame: str) -> None:
+        """What the grips do: a row a grip."""
+        writer = messages.SurfaceWriter(len(packed), GRIP_FIELDS)
+        self._grips.publish(writer.message(packed, stamp, frame))
 
     def numbers(self, served: Served) -> None:
         """The numbers of one answer: each alone for plotting, and all with the answer's stamp."""

@@ -186,3 +186,18 @@ def test_the_softened_depth_obeys_the_stiffness_it_is_made_of():
         depth = softened_depth(compliance, second, np.array([force]))
         share = linear_error(compliance, second, np.array([force]), np.array([depth]))
         assert depth * (1.0 - share) == pytest.approx(2e-4 * force, rel=1e-9)
+
+
+def test_a_finger_that_joins_while_the_others_have_nearly_let_go_is_answered(model):
+    pipeline = live_hand.pipeline(model)
+    points = OUTER * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+    def held(fingers, force, travel):
+        return live_hand.sample(
+            points[:fingers], -points[:fingers] / OUTER, [force] * fingers, [travel] * fingers
+        )
+
+    pipeline.settle(held(2, 8.0, 1.5e-3))
+    served = pipeline.tick(held(3, 0.2, 4e-5))
+    assert served.unknown == (3,)
+    assert np.isfinite(served.packed).all()

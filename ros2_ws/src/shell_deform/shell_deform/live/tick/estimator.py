@@ -200,7 +200,7 @@ class Estimator:
         if adopted is None or not known.any():
             if first is None:
                 return self._serve_rest(merged)
-            return self._serve_from_rest(first, merged, math.nan, ())
+            return self._serve_from_rest(first, merged, math.nan)
         response = adopted.response
         pressed = merged if first is None else merged.rows(known)
         unknown = tuple(merged.finger[~known].tolist())
@@ -210,7 +210,8 @@ class Estimator:
         stays = not away and not adopted.carries
         if stays and adopted.at_rest.error(now) < better:
             age = 1e-9 * (sample.stamp - adopted.stamp)
-            return self._serve_from_rest(adopted.at_rest, pressed, age, unknown)
+            unseen = _doubt(merged, unknown)
+            return self._serve_from_rest(adopted.at_rest, pressed, age, unknown, unseen)
         errors = self.settings.errors.on_mesh(adopted.coarseness)
         lateral, frozen = adopted.across(pressed, self.pose_in_use)
         posterior = fuse(errors, adopted.after(lateral), adopted.widened(measured))
@@ -437,12 +438,18 @@ class Estimator:
         )  # fmt: skip
 
     def _serve_from_rest(
-        self, at_rest: AtRest, sample: ContactSample, age: float, unknown: tuple[int, ...]
+        self,
+        at_rest: AtRest,
+        sample: ContactSample,
+        age: float,
+        unknown: tuple[int, ...] = (),
+        doubt: float = 0.0,
     ) -> Served:
         """Linear theory from rest; sigma has what it is known to miss.
 
         It serves before the first equilibrium of a grasp (`age` NaN), and where rest is the better
-        tangent. `unknown`: fingers in the sample beside those of `at_rest`.
+        tangent. `unknown`: fingers that press beside those of `at_rest`, which may have dented the
+        shell by `doubt` [m].
         """
         taking_up = math.isnan(age)
         measured = _without_grip(self._measured(at_rest.response, at_rest.fingers, sample))
@@ -456,7 +463,6 @@ class Estimator:
         self._linear = at_rest, push, root
         displacement = at_rest.compliance @ push
         linearity = at_rest.linearisation_error(push, displacement)
-        doubt = _doubt(sample, unknown)
         if taking_up:
             doubt += at_rest.doubt(push, measured, uses_motion)
         else:

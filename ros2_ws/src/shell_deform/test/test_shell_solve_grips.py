@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 import yaml
 
+from shell_deform.building import build_model
 from shell_deform.commands import shell_solve
+from shell_deform.objects import load_object
+from shell_deform.solve.equilibrium import gripped
+from shell_deform.solve.newton import EquilibriumSolver
 
 RADIUS, LENGTH, WALL, YOUNG = 0.02, 0.12, 1e-3, 2e9
 TUBE = {
@@ -160,3 +164,57 @@ def test_a_constant_pressure_on_an_open_tube_is_that_of_a_ring(solve, pressure):
     exact = -0.3 * pressure * RADIUS * LENGTH / (YOUNG * WALL)
     assert shift == pytest.approx(exact, rel=0.15)
     assert result['points'][-1]['gas_pressure_pa'] == pytest.approx(pressure)
+
+
+RELAXES = {'kind': 'prony', 'shares': [0.2, 0.1], 'times_s': [1, 100]}
+
+
+def test_a_twist_that_is_held_loses_torque_as_the_wall_relaxes(solve):
+    """0.2 exp(-t) + 0.1 exp(-t / 100) + 0.7, the shape and the shortening stay."""
+    code, result, told = solve('--twist', '0:2:2', '--hold', '600', relaxation=RELAXES)
+    assert code == 0 and '600 s is longer than the 100 s' in told
+    (_, _, last), hold = result['points'], result['hold']
+    for row in (hold[0], hold[len(hold) // 2], hold[-1]):
+        left = 0.7 + 0.2 * np.exp(-row['time_s']) + 0.1 * np.exp(-row['time_s'] / 100.0)
+        upper = row['grips'][1]
+        share = upper['torque_nm'][2] / last['grips'][1]['torque_nm'][2]
+        assert share == pytest.approx(left, rel=1e-5)
+        assert upper['shift_m'][2] == pytest.approx(last['grips'][1]['shift_m'][2], rel=1e-4)
+    assert hold[-1]['relative_sigma'] > hold[0]['relative_sigma']
+
+
+def test_a_pull_that_is_held_creeps_where_it_is_free(solve):
+    """Under a dead load on a free grip the tube goes on stretching, to 1 / 0.7 of it."""
+    arguments = ('--twist', '0:0:1', '--axial', '20', '--hold', '3000')
+    code, result, _ = solve(*arguments, relaxation=RELAXES)
+    assert code == 0
+    stretch = [row['grips'][1]['shift_m'][2] for row in result['hold']]
+    assert stretch[-1] / stretch[0] == pytest.approx(1.0 / 0.7, rel=2e-3)
+
+
+def test_grips_of_a_wall_without_a_law_are_not_held(solve):
+    code, _, told = solve('--twist', '0:1:1', '--hold', '60')
+    assert code == 1 and 'needs relaxation:' in told.splitlines()[-1]
+
+
+@pytest.mark.parametrize('hold', ['hinged', 'clamped'])
+def test_a_tube_under_pressure_leaves_a_held_edge_as_the_edge_is_held(tmp_path, hold):
+    """Exact edge solution of a cylinder: 1 - exp(-b) cos b, clamped with + sin b in it."""
+    pressure = 1000.0
+    held = [{'kind': 'grip', 'where': where, 'hold': hold} for where in ('lower', 'upper')]
+    path = tmp_path / 'object.yaml'
+    short = {'cylinder': {**TUBE['surface']['cylinder'], 'length_m': 0.06}}
+    path.write_text(
+        yaml.safe_dump(
+            {**TUBE, 'surface': short, 'contacts': held, 'pressure_pa': pressure,
+             'control_vertices': 1500}
+        )
+    )  # fmt: skip
+    model = build_model(load_object(str(path)))
+    state = EquilibriumSolver(model).solve(gripped(np.zeros((2, 6))))
+    rest, now = map(model.surface.limit_positions, (model.rest, state.positions))
+    grown = np.linalg.norm(now[:, :2], axis=1) - np.linalg.norm(rest[:, :2], axis=1)
+    far = pressure * RADIUS**2 * (1.0 - 0.3**2) / (YOUNG * WALL)
+    b = (0.03 - np.abs(rest[:, 2])) * (3.0 * (1.0 - 0.3**2)) ** 0.25 / np.sqrt(RADIUS * WALL)
+    exact = 1.0 - np.exp(-b) * (np.cos(b) + (hold == 'clamped') * np.sin(b))
+    np.testing.assert_allclose(grown / far, exact, atol=0.02)

@@ -65,14 +65,11 @@ def _solve(options: argparse.Namespace) -> None:
     )
     contacts = object_contacts(shell_object, model, options.pin_radius)
     sweep = grip_sweep(options, shell_object.name, model, contacts)
-    if sweep is not None and options.hold:
-        raise CommandError('--hold follows --displacement-sweep or --force at contacts, no grips')
     solver = EquilibriumSolver(model, NewtonOptions(stability=True))
     if sweep is None:
         state, results, ended, held = _squeezed(options, shell_object, solver, contacts)
     else:
-        state, results, ended = _gripped(sweep, shell_object, solver)
-        held = []
+        state, results, ended, held = _gripped(sweep, shell_object, solver, options.hold)
     cpu = time.process_time() - loaded
     model = solver.model
     readout = read_out(model, state.unknowns, shell_object.yield_stress_pa)
@@ -95,7 +92,7 @@ def _solve(options: argparse.Namespace) -> None:
                     {**_point(solved, sweep), **_fingers(shell_object, solved.state)}
                     for solved in results
                 ],
-                **({'hold': [one.row() for one in held]} if options.hold else {}),
+                **({'hold': [one.row(sweep) for one in held]} if options.hold else {}),
                 'message': ended,
             }
         )
@@ -105,7 +102,7 @@ def _solve(options: argparse.Namespace) -> None:
             complain('shell_solve', f'note: theory {model.theory}: {model.reason}')
         _print_table(f'{title}, {cpu:.2f} s processor time', results, sweep)
         if held:
-            print_hold(held)
+            print_hold(held, sweep)
     if ended:
         # What converged has been printed, drawn and written: the end comes last.
         raise CommandError(ended)
@@ -149,30 +146,38 @@ def _squeezed(
         results.append(Solved(state, depth, time.perf_counter() - start))
     if law is None:
         return state, results, '', []
-    held, ended = hold(solver, law, case, (began, touch), options.hold)
+    held, ended = hold(
+        solver, law, [case], began, lambda one: float(np.mean(one.displacement - touch)),
+        options.hold,
+    )  # fmt: skip
     return held[-1].state if held else state, results, ended, held
 
 
 def _gripped(
-    sweep: GripSweep, shell_object: ShellObject, solver: EquilibriumSolver
-) -> tuple[Equilibrium, list[Solved], str]:
-    """The same of grips that move; the value of a row is how far."""
+    sweep: GripSweep, shell_object: ShellObject, solver: EquilibriumSolver, seconds: float | None
+) -> tuple[Equilibrium, list[Solved], str, list[Held]]:
+    """The same of grips that move and are held for `seconds`; the value of a row is how far."""
+    law = relaxation_of(shell_object) if seconds else None
     results: list[Solved] = []
-    state = solver.rest()
+    state = began = solver.rest()
     for value in tracked(sweep.values, 'poses'):
         start = time.perf_counter()
         found = solver.solve(sweep.case(value), state)
         if not found.converged:
             said = sweep.said(value)
             ended = f'{shell_object.name}: no equilibrium at {said}: {found.message}'
-            return state, results, f'{ended}; go there in smaller steps, or less far'
+            return state, results, f'{ended}; go there in smaller steps, or less far', []
         try:
             sweep.refuse_torn(found, value)
         except CommandError as error:
-            return state, results, f'{shell_object.name}: {error}'
+            return state, results, f'{shell_object.name}: {error}', []
         state = found
         results.append(Solved(state, value, time.perf_counter() - start))
-    return state, results, ''
+    if law is None or not seconds:
+        return state, results, '', []
+    cases = [sweep.case(value) for value in sweep.values]
+    held, ended = hold(solver, law, cases, began, lambda _: sweep.values[-1], seconds)
+    return held[-1].state if held else state, results, ended, held
 
 
 def _point(solved: Solved, sweep: GripSweep | None) -> dict[str, Any]:

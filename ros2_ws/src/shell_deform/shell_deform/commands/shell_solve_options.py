@@ -72,7 +72,7 @@ def build_parser() -> argparse.ArgumentParser:
     add(load, '--force', ', one after the other', type=_forces, metavar='N,N,…')
     parser.add_argument(
         '--hold', type=above_zero, metavar='S',
-        help='keep the last displacement or force so long [s] while the wall relaxes',
+        help='keep the last displacement, force or pose so long [s] while the wall relaxes',
     )  # fmt: skip
     add(parser, '--pin-radius', type=above_zero)
     add(parser, '--young', type=above_zero)

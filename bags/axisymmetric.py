@@ -25,7 +25,11 @@ AMBIENT_MPA = 0.101325
 
 @dataclass(frozen=True)
 class Ball:
-    """A hollow rubber ball (mm, MPa) and how finely it is meshed."""
+    """A hollow rubber ball (mm, MPa) and how finely it is meshed.
+
+    `corner`: smallest elements, at the rim of the pin, from where they grow both ways; 0 for even
+    ones under the pin. `mooney_share`: of the second invariant's term in the shear modulus.
+    """
 
     outer_radius: float = 32.5
     thickness: float = 2.5
@@ -37,6 +41,8 @@ class Ball:
     pin_elements: int = 6
     growth: float = 1.12
     coarsest: float = 1.2
+    corner: float = 0.0
+    mooney_share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -55,7 +61,15 @@ class Mesh:
 
 
 def polar_breaks(ball: Ball) -> Array:
-    """Element edges in angle from the pole: even under the pin, then growing to `coarsest`."""
+    """Element edges in angle from the pole: even under the pin, or graded towards its rim, then
+    growing to `coarsest`.
+    """
+    if ball.corner:
+        beyond = ball.outer_radius * np.pi / 2 - ball.pin_radius
+        under = graded(ball.pin_radius, ball.corner, ball.growth, ball.coarsest)[::-1]
+        outside = graded(beyond, ball.corner, ball.growth, ball.coarsest)
+        lengths = np.concatenate([[0.0], under, outside])
+        return np.asarray(np.cumsum(lengths)) / ball.outer_radius
     size = ball.pin_radius / ball.pin_elements
     edges = [size * index for index in range(ball.pin_elements + 1)]
     end = ball.outer_radius * np.pi / 2
@@ -66,6 +80,14 @@ def polar_breaks(ball: Ball) -> Array:
         rest.append(step)
     scale = (end - edges[-1]) / sum(rest)
     return np.concatenate([edges, edges[-1] + scale * np.cumsum(rest)]) / ball.outer_radius
+
+
+def graded(total: float, smallest: float, growth: float, coarsest: float) -> Array:
+    """Lengths from about `smallest` on, each `growth` times the one before up to `coarsest`."""
+    lengths = [smallest]
+    while sum(lengths) < total:
+        lengths.append(min(lengths[-1] * growth, coarsest))
+    return np.array(lengths) * (total / sum(lengths))
 
 
 def build_mesh(ball: Ball) -> Mesh:
@@ -107,7 +129,7 @@ def build_mesh(ball: Ball) -> Mesh:
         grid[:, 0],
         grid[0][grid[0] > 0],
         grid[-1][grid[-1] > 0],
-        ball.pin_elements,
+        int(np.searchsorted(edges, (1.0 - 1e-9) * ball.pin_radius / ball.outer_radius)),
         grid,
     )
 
@@ -171,7 +193,9 @@ def deck(ball: Ball, mesh: Mesh, forces: Array, pressures: Array) -> str:
         calculix.set_lines('AXIS', 'N', mesh.axis),
         calculix.set_lines('EQUATOR', 'N', mesh.equator),
         '*MATERIAL,NAME=RUBBER',
-        calculix.neo_hooke(ball.young_modulus, ball.poisson_ratio),
+        calculix.mooney_rivlin(ball.young_modulus, ball.poisson_ratio, ball.mooney_share)
+        if ball.mooney_share
+        else calculix.neo_hooke(ball.young_modulus, ball.poisson_ratio),
         '*SOLID SECTION,ELSET=WALL,MATERIAL=RUBBER',
         '*BOUNDARY',
         'AXIS,1,1',

@@ -77,6 +77,14 @@ def neo_hooke(young_modulus: float, poisson_ratio: float) -> str:
     return f'*HYPERELASTIC,NEO HOOKE\n{shear / 2.0:.12g},{2.0 / bulk:.12g}'
 
 
+def mooney_rivlin(young_modulus: float, poisson_ratio: float, share: float) -> str:
+    """A *HYPERELASTIC, MOONEY-RIVLIN card: C10 + C01 = mu / 2, of which C01 is `share`."""
+    shear = young_modulus / (2.0 * (1.0 + poisson_ratio))
+    bulk = young_modulus / (3.0 * (1.0 - 2.0 * poisson_ratio))
+    first, second = (1.0 - share) * shear / 2.0, share * shear / 2.0
+    return f'*HYPERELASTIC,MOONEY-RIVLIN\n{first:.12g},{second:.12g},{2.0 / bulk:.12g}'
+
+
 def run(
     deck: str, name: str, timeout: float = 900.0, threads: int = 1, partial: bool = False
 ) -> dict[float, dict]:

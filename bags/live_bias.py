@@ -10,7 +10,8 @@ leaves the shape. What is left is the bias of the shell model together with the 
 `--theory thick` with `--young-modulus-pa 14.196e6 --poisson-ratio 0.49`, those of the solid, shows
 what a wall with a thickness leaves. `--compliance-m-per-n` shows what a thin wall lacks: with the
 shear dent taken from the travel as the stretch of a tendon is, and the modulus of the solid, the
-bias that is left is that of bending alone.
+bias that is left is that of bending alone. With `--true-contacts` the hand makes no error: places,
+travels and forces of the contacts are the solid's own, and what is left is the theory's alone.
 
 The recording with a slip is left out, since its truth does not say where the pins hold, and the
 fast squeeze, which is not scanned while it is held.
@@ -19,7 +20,7 @@ fast squeeze, which is not scanned while it is held.
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,9 +32,11 @@ from bags.experiments import EXPERIMENTS
 from bags.surfaces import Surface
 from grasp_replay.experiment import read_experiment
 from grasp_replay.recording import read_recording
-from shell_deform.building import build_model, with_material
-from shell_deform.live.pose import pose_of
+from shell_deform.building import build_model, object_contacts, with_material
+from shell_deform.live.pose import Pose, pose_of
+from shell_deform.live.tick.estimator import Served
 from shell_deform.live.tick.rehearsal import Rehearsal
+from shell_deform.live.tick.sample import ContactSample
 from shell_deform.node.parameters import PARAMETERS, settings
 from shell_deform.objects import load_object
 
@@ -43,6 +46,8 @@ BAGS = Path(__file__).parent
 SLIPS = 'regrasp_sliding'
 UNSCANNED = 'fast_squeeze_release'
 SAMPLES_PER_REFRESH = 10
+# Parts of the way from one held scan to the next under the solid's own contacts.
+PARTS = 20
 NINETY = 1.645
 DENT = 0.1
 
@@ -52,7 +57,8 @@ class Difference:
     """Served minus solid at one held scan.
 
     Attributes:
-        force: of the solid per contact [N]. depth: of the solid under the pin, mid-wall [m].
+        force: of the solid per contact [N]. depth: of the solid under the pin, mid-wall, and where
+            the wall has a thickness on the outer face [m].
         depth_error: served minus solid depth, mean of the contacts [m].
         served, shape: (n,) along the outward normals, as served and after the best rigid motion
             [m]. sigma: (n,) as served [m]. dent: (n,) vertices in the dents.
@@ -80,58 +86,117 @@ def without_rigid(points: Array, normal: Array, distance: Array) -> Array:
     return distance - design @ np.linalg.lstsq(design, distance, rcond=None)[0]
 
 
-def differences(
-    name: str,
-    young: float | None = None,
-    compliance: float = 0.0,
-    theory: str = 'koiter',
-    poisson_ratio: float | None = None,
-) -> list[Difference]:
+@dataclass(frozen=True)
+class Wall:
+    """What the live shell is made of instead of what the object file says; None: as there.
+
+    Attributes:
+        young [Pa], poisson_ratio [-]. compliance: how far a contact goes into the wall without
+            bending it [m/N].
+    """
+
+    theory: str = 'koiter'
+    young: float | None = None
+    poisson_ratio: float | None = None
+    compliance: float = 0.0
+
+
+class Playing:
+    """A recording that is played through tick and solver."""
+
+    def __init__(self, name: str, wall: Wall, true_contacts: bool) -> None:
+        folder = BAGS / name
+        self.setting = EXPERIMENTS[name].setting()
+        self.rows = read_experiment(folder)
+        self.recording = read_recording(folder)
+        self.shell = load_object(str(self.rows.object_file))
+        self.shell = with_material(self.shell, wall.young, wall.poisson_ratio)
+        model = build_model(self.shell, wall.theory)
+        values = {one.name: one.default for one in PARAMETERS}
+        values['tendon_compliance'] = wall.compliance
+        self.live = Rehearsal(model, settings(values))
+        self.pins = object_contacts(self.shell, model)
+        self._true = true_contacts
+        self._reached, self._number = 0.0, 0
+
+    def served(self, stamp: int, row: dict) -> Served:
+        """What is served at a held scan."""
+        if self._true:
+            return self._under_true_contacts(stamp, row)
+        samples, live = self.recording.samples, self.live
+        while True:
+            number, sample = self._number, samples[self._number]
+            self._number += 1
+            live.estimator.pose = self.recording.pose_at(sample.stamp)
+            live.tick(sample)
+            if number % SAMPLES_PER_REFRESH == 0:
+                live.refresh()
+            if sample.stamp >= stamp:
+                return live.settle(sample)
+
+    def _under_true_contacts(self, stamp: int, row: dict) -> Served:
+        samples = self.recording.samples
+        recorded = samples[int(np.searchsorted([one.stamp for one in samples], stamp))]
+        pose, live = pose_of(row['object_pose']), self.live
+        for force in np.linspace(self._reached, row['force_n'], PARTS + 1)[1:]:
+            sample = self._true_sample(recorded, pose, float(force))
+            live.estimator.pose = pose
+            live.tick(sample)
+            live.refresh()
+        self._reached = row['force_n']
+        return live.settle(sample)
+
+    def _true_sample(self, recorded: ContactSample, pose: Pose, force: float) -> ContactSample:
+        """The recorded sample with the places, travels and forces of the solid."""
+        touching = recorded.rows(recorded.touching)
+        axes = np.array([pin.axis for pin in self.pins])
+        outside = np.array([pin.point for pin in self.pins]) - 0.5 * self.shell.thickness_m * axes
+        seen = (touching.point - pose.translation) @ pose.rotation
+        pin = cKDTree(outside).query(seen)[1]
+        travel = self.setting.truth.outer_displacement(force)
+        normal = axes[pin] @ pose.rotation.T
+        count, known = len(pin), np.full(len(pin), 1e-3)
+        return replace(
+            touching,
+            point=(outside[pin] + travel * axes[pin]) @ pose.rotation.T + pose.translation,
+            normal=normal,
+            force=force * normal,
+            sigma_normal=known,
+            travel=np.full(count, travel),
+            sigma_travel=1e-3 * known,
+        )
+
+
+def differences(name: str, wall: Wall = Wall(), true_contacts: bool = False) -> list[Difference]:
     """Play a recording through tick and solver; one difference per held scan.
 
-    `young` [Pa], `poisson_ratio` [-]: instead of those of the object file. `compliance`: how far a
-    contact goes into the wall without bending it [m/N].
+    `true_contacts`: the solid's own, instead of what the hand told of them.
     """
-    folder = BAGS / name
-    setting = EXPERIMENTS[name].setting()
-    truth = setting.truth
-    scans = yaml.safe_load((folder / 'truth.yaml').read_text())['scans']
-    rows = read_experiment(folder)
-    held = {scan.stamp: row for scan, row in zip(rows.scans, scans, strict=True) if scan.held}
-    recording = read_recording(folder)
-    shell = with_material(load_object(str(rows.object_file)), young, poisson_ratio)
-    values = {one.name: one.default for one in PARAMETERS} | {'tendon_compliance': compliance}
-    live = Rehearsal(build_model(shell, theory), settings(values))
+    playing = Playing(name, wall, true_contacts)
+    live, setting = playing.live, playing.setting
     active = np.unique(live.memory.triangles)
-    waiting = sorted(held)
+    scans = yaml.safe_load((BAGS / name / 'truth.yaml').read_text())['scans']
+    held = {one.stamp: row for one, row in zip(playing.rows.scans, scans, strict=True) if one.held}
     found = []
-    for number, sample in enumerate(recording.samples):
-        if not waiting:
-            break
-        live.estimator.pose = recording.pose_at(sample.stamp)
-        served = live.tick(sample)
-        if number % SAMPLES_PER_REFRESH == 0:
-            live.refresh()
-        if sample.stamp < waiting[0]:
-            continue
-        row = held[waiting.pop(0)]
-        served = live.settle(sample)
+    for stamp, row in sorted(held.items()):
+        served = playing.served(stamp, row)
         adopted, pose = live.estimator.adopted, live.estimator.pose_in_use
         assert adopted is not None
         packed = served.packed[active].astype(float)
         outward = adopted.slot.normals[active] @ pose.rotation.T
-        points = packed[:, :3] + 0.5 * shell.thickness_m * outward
+        points = packed[:, :3] + 0.5 * playing.shell.thickness_m * outward
+        depth = row['displacement_middle_m']
         if live.memory.rest_outer is not None:
-            points = packed[:, -3:]
+            points, depth = packed[:, -3:], row['displacement_outer_m']
         place = pose_of(row['object_pose'])
         turn = place.rotation @ setting.from_solution
-        face = truth.surface(row['force_n']).moved(turn, place.translation)
+        face = setting.truth.surface(row['force_n']).moved(turn, place.translation)
         distance, normal = along_normals(points, face)
         found.append(
             Difference(
                 row['force_n'],
-                row['displacement_middle_m'],
-                float(np.mean(served.displacement)) - row['displacement_middle_m'],
+                depth,
+                float(np.mean(served.displacement)) - depth,
                 distance,
                 without_rigid(points, normal, distance),
                 packed[:, 7],
@@ -174,6 +239,9 @@ def main() -> int:
     parser.add_argument('--compliance-m-per-n', type=float, default=0.0, help='of the wall')
     parser.add_argument('--theory', default='koiter', help='of the wall (default %(default)s)')
     parser.add_argument('--poisson-ratio', type=float, help="instead of the object file's")
+    parser.add_argument(
+        '--true-contacts', action='store_true', help='places, travels and forces of the solid'
+    )
     options = parser.parse_args()
     wanted = options.recording
     unknown = sorted(set(wanted) - set(names))
@@ -185,14 +253,14 @@ def main() -> int:
         '|---|' + 9 * '---|'
     )
     covered = []
+    wall = Wall(
+        options.theory,
+        options.young_modulus_pa,
+        options.poisson_ratio,
+        options.compliance_m_per_n,
+    )
     for name in wanted:
-        for one in differences(
-            name,
-            options.young_modulus_pa,
-            options.compliance_m_per_n,
-            options.theory,
-            options.poisson_ratio,
-        ):
+        for one in differences(name, wall, options.true_contacts):
             print(f'| {name} | {shown(one)} |', flush=True)
             covered.append(np.abs(one.served) <= NINETY * one.sigma)
     print(f'\nin the 90 % band of sigma: {100 * np.concatenate(covered).mean():.1f} % of vertices')

@@ -8,7 +8,7 @@ import argparse
 from grasp_common.command_line import usage_of
 from grasp_common.options import add
 from shell_deform.commands.arguments import above_zero, count, direction, not_negative
-from shell_deform.theory import AUTO, DEFAULT_THEORY, THEORY_NAMES
+from shell_deform.theory import AUTO, KOITER, THEORY_NAMES
 
 MOST = 1_000_000
 
@@ -51,8 +51,8 @@ def build_parser() -> argparse.ArgumentParser:
         help='of the wall [-] (default 0.2)')  # fmt: skip
     add(parser, '--vertices', ' (default: as the object)', type=count(1, MOST))
     add(
-        parser, '--theory', ' (default koiter)',
-        choices=(*THEORY_NAMES, AUTO), default=DEFAULT_THEORY,
+        parser, '--theory', ' (default koiter: a thick wall takes four times as long)',
+        choices=(*THEORY_NAMES, AUTO), default=KOITER,
     )  # fmt: skip
     add(parser, '--processes', ' (default 1)', type=count(1, MOST), default=1)
     add(parser, '--scheduler')

@@ -156,6 +156,13 @@ class ShellModel:
         shell = self.shell.with_stamps(pins, bodies)
         return self if shell is self.shell else replace(self, shell=shell)
 
+    def widened(self, depth: Array) -> ShellModel:
+        """This model, with a thick wall that shears as far as depths (k,) [m] of contacts need."""
+        if not isinstance(self.shell, ThickShell):
+            return self
+        shell = self.shell.widened(float(np.max(depth, initial=0.0)))
+        return self if shell is self.shell else replace(self, shell=shell)
+
     @cached_property
     def outer_face(self) -> OuterFace | ThickFace:
         """Where rigid bodies may touch the wall."""

@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SHEAR_REACH = 2.0
-"""Shear unknowns within so many sqrt(R h) of a pin: at 12 mm (1.4) on a ball of R/h 12.5 a dent of
-four walls is 4 % too stiff, from 1.7 on within 1 % of shear everywhere."""
+"""At first, shear unknowns are within so many sqrt(R h) of a pin: at 12 mm (1.4) on a ball of
+R/h 12.5 a dent of four walls is 4 % too stiff, from 1.7 on within 1 % of shear everywhere."""
 
 
 class ElementUnknowns(NamedTuple):
@@ -49,9 +49,9 @@ def shear_frames(surface: LimitSurface, vertices: Index) -> tuple[Array, Array]:
 
 
 def sheared_vertices(
-    shell: ShellPoints, surface: LimitSurface, points: Array, stamps: Sequence[Stamp]
+    shell: ShellPoints, surface: LimitSurface, points: Array, stamps: Sequence[Stamp], reach: float
 ) -> Index:
-    """Control vertices within reach of a pin; `points` (p, 3) are the quadrature points [m]."""
+    """Control vertices within `reach` sqrt(R h) of a pin; `points` (p, 3) of the rule."""
     mesh = shell.mesh
     largest = sharpest_curvature(*shell.reference.mean_and_gauss)
     limit = surface.limit_positions(mesh.vertices)
@@ -61,9 +61,9 @@ def sheared_vertices(
         wall = float(shell.thickness[near])
         around = np.linalg.norm(points - stamp.centre, axis=1) < stamp.radius + 2.0 * wall
         curvature = max(float(np.median(largest[around | (np.arange(len(points)) == near)])), 1e-9)
-        reach = SHEAR_REACH * np.sqrt(wall / curvature)
-        reach = min(max(reach, stamp.radius + 4.0 * wall), np.sqrt(shell.area))
-        chosen |= np.linalg.norm(limit - stamp.centre, axis=1) < reach
+        around_pin = max(reach * np.sqrt(wall / curvature), stamp.radius + 4.0 * wall)
+        near_pin = min(around_pin, np.sqrt(shell.area))
+        chosen |= np.linalg.norm(limit - stamp.centre, axis=1) < near_pin
     used = np.zeros(len(mesh.vertices), dtype=bool)
     used[mesh.triangles[mesh.active]] = True
     return np.flatnonzero(chosen & used)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from shell_deform.assemble.discretisation import Discretisation, Sums, discretise
 from shell_deform.assemble.pin_pressures import PressureEquations
 from shell_deform.assemble.shear_nodes import (
+    SHEAR_REACH,
     ElementUnknowns,
     element_unknowns,
     sheared_vertices,
@@ -73,7 +74,7 @@ class ThickShell(Discretisation):
         stamps: the pins. sheared: (m,) control vertices with shear.
         pressed: what the pins touch. elements: all unknowns of each element.
         everywhere: whether every vertex has shear. bodies: where others than pins may touch: the
-            wall shears there, too.
+            wall shears there, too. reach: of the shear around them, in sqrt(R h).
     """
 
     material: Material
@@ -85,6 +86,7 @@ class ThickShell(Discretisation):
     elements: ElementUnknowns
     everywhere: bool
     bodies: tuple[Stamp, ...] = ()
+    reach: float = SHEAR_REACH
 
     def stiffened(self, factor: float) -> ThickShell:
         """The same shell with `factor` times the modulus; pressures are unknowns over E / h."""
@@ -100,6 +102,26 @@ class ThickShell(Discretisation):
         if _alike(stamps, self.stamps) and _alike(bodies, self.bodies):
             return self
         return thick_shell(self.mesh, self.material, self.wall, stamps, self.everywhere, bodies)
+
+    def widened(self, depth: float) -> ThickShell:
+        """The same wall, sheared as far as contacts that are `depth` [m] deep need it.
+
+        A deep dent bends most in a ridge at sqrt(R depth) from its middle, which is sqrt(depth / h)
+        of the sqrt(R h) that the reach counts in; where the wall cannot shear there it is too
+        stiff. The reach doubles, so that few depths change the unknowns.
+        """
+        ridge = np.sqrt(max(depth, 0.0) / float(self.wall.mean()))
+        if ridge <= self.reach or len(self.sheared) == len(self._used):
+            return self
+        doublings = np.ceil(np.log2(ridge / self.reach))
+        return thick_shell(
+            self.mesh, self.material, self.wall, self.stamps, False, self.bodies,
+            self.reach * 2.0**doublings,
+        )  # fmt: skip
+
+    @cached_property
+    def _used(self) -> Index:
+        return np.unique(self.mesh.triangles[self.mesh.active]).astype(np.int64)
 
     # ---- unknowns
 
@@ -429,11 +451,13 @@ def thick_shell(
     stamps: Sequence[Stamp] = (),
     everywhere: bool = False,
     bodies: Sequence[Stamp] = (),
+    reach: float = SHEAR_REACH,
 ) -> ThickShell:
     """Discretise the limit surface of `mesh` as a thick wall of `thickness` [m] under pins.
 
     `thickness`: one number or one per control vertex. `everywhere`: shear at every vertex, not
-    only near the pins. Raises WallError where the wall reaches its centre of curvature.
+    only within `reach` sqrt(R h) of the pins. Raises WallError where the wall reaches its centre
+    of curvature.
     """
     if not HAVE_NUMBA:
         raise WallError('theory thick needs numba: install it or choose theory koiter')
@@ -448,13 +472,13 @@ def thick_shell(
     if everywhere:
         sheared = np.unique(mesh.triangles[mesh.active]).astype(np.int64)
     else:
-        sheared = sheared_vertices(base, surface, points, (*stamps, *bodies))
+        sheared = sheared_vertices(base, surface, points, (*stamps, *bodies), reach)
     pressed = stamp_points(base, surface, points, stamps)
     own = {name: getattr(base, name) for name in base.__dataclass_fields__}
     return ThickShell(
         **own, material=material, basis=basis, wall=wall,
         stamps=stamps, sheared=sheared, pressed=pressed, everywhere=everywhere,
-        bodies=tuple(bodies),
+        bodies=tuple(bodies), reach=reach,
         elements=element_unknowns(base, surface, sheared, pressed, float(np.mean(wall))),
     )  # fmt: skip
 

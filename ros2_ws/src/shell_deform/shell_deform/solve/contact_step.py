@@ -240,6 +240,7 @@ class ContactStep:
             message='',
             positions=self._positions[:count],
             wall=self._positions[count:],
+            shell=self._model.shell,
             force=force,
             displacement=depth,
             multipliers=self._border[int(bordering.driven.sum()) :],

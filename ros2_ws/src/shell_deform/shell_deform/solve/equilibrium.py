@@ -9,6 +9,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.assemble.discretisation import Discretisation
 from shell_deform.contact.contact_field import Memory, Touch
 from shell_deform.contact.loads import ContactPatch
 
@@ -175,6 +176,7 @@ class Equilibrium:
         motion: (k, 6) of the bodies beside their depth, as in the load case, or None.
         history: up to three states that led here, this one last.
         wall: (., 3) unknowns beside the control points, see `ThickShell`; none in a thin wall.
+        shell: whose unknowns these are; its contacts decide what stands where in `wall`.
     """
 
     converged: bool
@@ -203,6 +205,7 @@ class Equilibrium:
     motion: Array | None = field(default=None, repr=False)
     history: tuple[PathState, ...] = field(default=(), repr=False)
     wall: Array = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
+    shell: Discretisation | None = field(default=None, repr=False, compare=False)
 
     @property
     def unknowns(self) -> Array:

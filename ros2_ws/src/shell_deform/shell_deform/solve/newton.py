@@ -35,7 +35,10 @@ class EquilibriumSolver(StepSolver):
     """Solves load case after load case of one model; the symbolic factorisation is kept."""
 
     def solve(self, case: LoadCase, start: Equilibrium | None = None) -> Equilibrium:
-        """Equilibrium under `case`, from `start` (default: rest), by as few steps as converge."""
+        """Equilibrium under `case`, from `start` (default: rest), by as few steps as converge.
+
+        Where a dent has outgrown the shear around its contacts, once more with more of it.
+        """
         self.take(self.model.on_contacts(case.contacts))
         if is_linear(self.model.theory) and not case.padded.any():
             return self._solve_linear(case)
@@ -81,6 +84,9 @@ class EquilibriumSolver(StepSolver):
             if step < (ARC_LENGTH_BELOW if by_force else self.options.smallest_step):
                 break
         done, end = fraction >= 1.0 - 1e-12, End.CARRIED
+        if done and (wider := self.model.widened(here.displacement)) is not self.model:
+            self.take(wider)
+            return self.solve(case, here)
         if not done and by_force:
             present, done, fraction, end = self._by_arc_length(bordering, present, goal, fraction)
         if not done:

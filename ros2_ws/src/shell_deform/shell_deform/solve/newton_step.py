@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from shell_deform.assemble.thick import ThickShell
 from shell_deform.factor.analysis import (
     Factor,
     FactorError,
@@ -121,11 +122,17 @@ class StepSolver:
         self._wall = float(model.shell.thickness.max())
 
     def met(self, start: Equilibrium) -> Equilibrium:
-        """The state with as many unknowns beside its control points as this model has."""
-        count = len(self.model.start) - len(self.model.rest)
-        if len(start.wall) == count:
+        """The state with the unknowns beside its control points that this model has.
+
+        Under other pins, or with shear elsewhere, a thick wall keeps what it knows of them.
+        """
+        shell, known, count = self.model.shell, start.shell, len(self.model.rest)
+        if known is shell or len(start.wall) == len(self.model.start) - count == 0:
             return start
-        return replace(start, wall=np.zeros((count, 3)), history=())
+        unknowns = self.model.start
+        if isinstance(shell, ThickShell) and isinstance(known, ThickShell):
+            unknowns = shell.continued(known, start.unknowns)
+        return replace(start, wall=unknowns[count:], shell=shell, history=())
 
     def take(self, model: ShellModel) -> None:
         """Go on with this model of the same shell; another discretisation is analysed anew."""
@@ -305,6 +312,7 @@ class StepSolver:
             message='the linear system is singular' if singular else '',
             positions=now.positions[: len(self.model.rest)],
             wall=now.positions[len(self.model.rest) :],
+            shell=self.model.shell,
             force=found.pushes,
             displacement=borders.measure.T @ now.moved,
             multipliers=found.multipliers,

@@ -44,6 +44,25 @@ def truth(ball, model):
     return at
 
 
+def test_an_open_thick_wall_is_served_and_pressed_from_inside(tmp_path):
+    path = tmp_path / 'tube.yaml'
+    path.write_text(
+        'name: tube\nsurface: {cylinder: {outer_diameter_m: 0.05, length_m: 0.05, ends: open}}\n'
+        'thickness_m: 0.002\nyoung_modulus_pa: 1.0e+6\npoisson_ratio: 0.45\n'
+        'supports: [{kind: clamped, where: lower}]\n'
+        'contacts: [{at_m: [0.025, 0.0, 0.0], radius_m: 0.003, kind: pin}]\n'
+    )
+    tube = build_model(load_object(path), 'thick', control_vertices=120)
+    shell = tube.on_contacts(object_contacts(load_object(path), tube)).shell
+    volume, load = shell.volume(shell.start)
+    assert volume == 0.0
+    outward = load[: len(tube.rest), :2] * tube.rest[:, :2]
+    assert outward.sum() == pytest.approx(2 * np.pi * 0.024**2 * 0.05, rel=0.02)
+    assert not load[len(tube.rest) :].any()
+    pipeline = live_hand.pipeline(tube, SURE)
+    assert np.isfinite(pipeline.memory.rest_outer).all()
+
+
 def squeeze(force, travel, **options):
     return live_hand.opposed(force, [travel, travel], radius=RADIUS, **options)
 

@@ -212,10 +212,14 @@ class Discretisation(ShellPoints):
     def volume(self, positions: Array) -> tuple[float, Array]:
         """Volume inside the middle surface [m^3] and its gradient (n, 3) [m^2].
 
-        An open surface encloses none: zero, and the load of a unit pressure on its wall.
+        An open surface encloses none: zero, and the load of a unit pressure on its wall. Unknowns
+        beside the control points, of a thick wall, take no part.
         """
         if not self.mesh.is_closed:
-            return 0.0, plain.pressure_load(self, positions)
+            load = np.zeros_like(positions)
+            count = len(self.mesh.vertices)
+            load[:count] = plain.pressure_load(self, positions[:count])
+            return 0.0, load
         if not HAVE_NUMBA:
             return plain.volume_gradient(self, positions)
         positions = np.ascontiguousarray(positions)

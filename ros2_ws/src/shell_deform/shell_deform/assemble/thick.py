@@ -106,9 +106,9 @@ class ThickShell(Discretisation):
     def widened(self, depth: float) -> ThickShell:
         """The same wall, sheared as far as contacts that are `depth` [m] deep need it.
 
-        A deep dent bends most in a ridge at sqrt(R depth) from its middle, which is sqrt(depth / h)
-        of the sqrt(R h) that the reach counts in; where the wall cannot shear there it is too
-        stiff. The reach doubles, so that few depths change the unknowns.
+        A deep dent bends most in a ridge at sqrt(R depth) from its middle, sqrt(depth / h) of what
+        the reach counts in; where the wall cannot shear there it is too stiff. The reach doubles,
+        so that few depths change the unknowns.
         """
         ridge = np.sqrt(max(depth, 0.0) / float(self.wall.mean()))
         if ridge <= self.reach or len(self.sheared) == len(self._used):
@@ -211,10 +211,11 @@ class ThickShell(Discretisation):
     def volume(self, positions: Array) -> tuple[float, Array]:
         """Volume inside the inner face [m^3] and its gradient [m^2].
 
-        The part of the wall inside the middle surface is taken to keep its volume.
+        The part of the wall inside the middle surface is taken to keep its volume. An open surface
+        encloses none.
         """
         volume, gradient = super().volume(positions)
-        return volume - self._enclosed_wall, gradient
+        return volume - self._enclosed_wall if self.mesh.is_closed else 0.0, gradient
 
     def gradient(self, theory: str, positions: Array) -> tuple[float, Array]:
         """Strain energy [J] and its gradient by all unknowns [N]; `theory` is always thick."""

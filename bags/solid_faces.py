@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -29,6 +30,8 @@ KEPT = (
 STEPS = 12
 # Smallest elements, at the pin's rim, over its radius; how they grow; the widest over the wall.
 CORNER, GROWTH, WIDEST_ACROSS = 1.0 / 12.0, 1.35, 0.14
+# Smallest elements over these, one after the other while deep states are missing.
+CORNERS = (1.0, 2.0, 4.0)
 # Nodes of the outer face that are kept: the face is smooth beyond the pin.
 KEPT_NODES = 60
 
@@ -105,14 +108,18 @@ def solve(ball: Ball, forces: tuple[float, ...]) -> list[Level]:
     ]
 
 
-def record(pinned: Pinned) -> dict[str, object]:
+def record(pinned: Pinned) -> dict[str, Any]:
     """One ball with how much it changes with finer elements at the pin's rim, and elsewhere, SI.
 
-    The rim's own field is singular: on elements half as large the surface folds there from some
-    depth on, and the solver ends.
+    The rim's own field is singular: on small elements the surface folds there from some depth on,
+    and the solver ends; deeper states are those of larger ones.
     """
     ball = ball_of(pinned)
-    usual = solve(ball, pinned.forces)
+    usual: list[Level] = []
+    for corner in CORNERS:
+        usual += solve(ball_of(pinned, corner), pinned.forces)[len(usual) :]
+        if len(usual) == len(pinned.forces):
+            break
     finer = {
         'rim': solve(ball_of(pinned, corner=0.5), pinned.forces),
         'elsewhere': solve(ball_of(pinned, elsewhere=0.5), pinned.forces),
@@ -158,7 +165,8 @@ def main() -> None:
         'neo-Hookean solid, all outer nodes within the rest arc of the pin moved alike along the '
         'axis; made by bags/solid_faces.py',
         'refined': 'relative change of the force at equal travel, and of the face at equal force, '
-        'with elements half as large at the rim of the pin, and everywhere else',
+        'with elements half as large at the rim of the pin, and everywhere else; states without '
+        'such a number fold on those',
     }
     balls = []
     for pinned in BALLS:

@@ -171,9 +171,9 @@ def sector_copies(name: str) -> list[Array]:
     """The rotations and mirrors that carry the kept sector over the whole object."""
     mirror_x, mirror_y, mirror_z = (np.diag(d) for d in ([-1.0, 1, 1], [1.0, -1, 1], [1.0, 1, -1]))
     same = np.eye(3)
-    if name == 'half_soda_can':
+    if name.startswith('half_soda_can'):
         return [same, mirror_x, mirror_z, mirror_x @ mirror_z]
-    if name == 'off_axis_cup':
+    if name.startswith('off_axis_cup'):
         return [same, mirror_y]
     copies = []
     for third in range(3):

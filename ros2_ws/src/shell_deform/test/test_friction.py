@@ -14,6 +14,7 @@ from shell_deform.objects import ObjectError, load_object
 from shell_deform.solve.equilibrium import LoadCaseError, displaced
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.squeeze import load
+from shell_deform.verification import capstan
 from shell_deform.verification import friction as verification_friction
 from shell_deform.verification.friction import plated, squeezed
 
@@ -158,6 +159,11 @@ def test_the_moment_of_a_plate_that_slips_all_over_is_mu_times_the_arm_of_its_pr
     row = next(verification_friction.spin(400))
     assert row.value > 0.0
     assert row.passed
+
+
+def test_tensions_of_a_strip_that_slips_around_a_rod_are_in_the_ratio_of_euler():
+    row = next(capstan.problems(frictions=(MU,)))
+    assert row.value == pytest.approx(np.exp(MU * capstan.ARC), rel=0.01)
 
 
 def test_friction_stiffens_a_squeeze_as_it_does_in_a_solid():

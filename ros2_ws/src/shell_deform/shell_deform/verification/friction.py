@@ -18,6 +18,7 @@ from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
 from shell_deform.solve.equilibrium import Equilibrium, displaced
 from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.verification import capstan
 from shell_deform.verification.plates import kept_solution, squeezed_sphere
 from shell_deform.verification.problem import Verified, stopwatch
 
@@ -54,11 +55,12 @@ def squeezed(
 
 
 def problems(control_vertices: int = 650) -> Iterator[Verified]:
-    """Forces with every friction and depth of the kept solution, then a plate that spins."""
+    """Forces with every friction and depth of the kept solution, a plate that spins, a strip."""
     kept = kept_friction()
     for friction, forces in zip(kept['friction'], kept['force_n'], strict=True):
         yield from _forces(kept, friction, forces, control_vertices)
     yield from spin(control_vertices)
+    yield from capstan.problems()
 
 
 def _forces(

@@ -223,7 +223,10 @@ class FingertipSolver:
         doubt = self._learn(None if anew else self._held, fingers, case, columns)
         model = self._solver.model
         grasp = read_grasp(model, case.contacts, found, load.friction)
-        response = touched_response(model, case.contacts, found, grasp, touched.standing)
+        if near is not None and self._held is not None and not anew:
+            response = self._held.response
+        else:
+            response = touched_response(model, case.contacts, found, grasp, touched.standing)
         if anew or self._reader is None:
             self._reader = wall_reader(model, case.contacts)
         wall = self._reader.at(found.unknowns, found.force, found.displacement)

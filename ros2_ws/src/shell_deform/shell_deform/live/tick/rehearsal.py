@@ -85,13 +85,26 @@ class Rehearsal:
     def follow(self, sample: ContactSample, path: LoadPath, friction: float) -> Served:
         """Serve a sample of fingers that carry bodies when its part of the path is solved."""
         self.tick(sample)
+        self.put_on(path, friction)
+        while self.take_from(path):
+            self.adopt()
+        return self.tick(sample)
+
+    def put_on(self, path: LoadPath, friction: float) -> None:
+        """Leave the load case of the last tick on a path."""
         self.estimator.fill_request(self._request[0], as_reported=True)
         self._request[0]['friction'] = friction
         path.take(self._request)
-        while (request := path.next()) is not None:
-            self._request = request
-            self.refresh()
-        return self.tick(sample)
+
+    def take_from(self, path: LoadPath) -> bool:
+        """Solve the next load case of a path; whether there was one."""
+        request = path.next()
+        if request is None:
+            return False
+        request[0]['hurried'] = path.waiting > 0
+        self._request = request
+        self.solve()
+        return True
 
     def settle(self, sample: ContactSample, rounds: int = 3) -> Served:
         """Tick and refresh in turn, so that both agree."""

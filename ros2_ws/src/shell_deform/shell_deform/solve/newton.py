@@ -84,9 +84,9 @@ class EquilibriumSolver(StepSolver):
             if step < (ARC_LENGTH_BELOW if by_force else self.options.smallest_step):
                 break
         done, end = fraction >= 1.0 - 1e-12, End.CARRIED
-        if done and (wider := self.model.widened(here.displacement)) is not self.model:
+        if done and (wider := self.model.widened(present.displacement)) is not self.model:
             self.take(wider)
-            return self.solve(case, here)
+            return self.solve(case, present)
         if not done and by_force:
             present, done, fraction, end = self._by_arc_length(bordering, present, goal, fraction)
         if not done:

@@ -28,6 +28,7 @@ from barrett_hand_bridge.hand import HandError, HandFacts, HandSample
 from barrett_hand_bridge.hand_services_node import HandServices
 from barrett_hand_bridge.hand_topics_node import HandTopics
 from barrett_hand_bridge.health import Health, Level, LinkState
+from barrett_hand_bridge.joint_commands_node import JointCommands
 from barrett_hand_bridge.kinematics import Array
 from barrett_hand_bridge.observer import HandObserver, Observation
 from barrett_hand_bridge.own_emulator import OwnEmulator
@@ -126,13 +127,16 @@ class HandBridge(LifecycleNode):
         self._hand_services = HandServices(
             self, worker, self._health, values=self.values, active=lambda: self._active
         )
-        self._hand_actions = HandActions(
-            self,
-            worker,
-            self._health,
-            values=self.values,
-            latest=lambda: self._latest,
-            active=lambda: self._active,
+        self._hand_actions, self._joint_commands = (
+            kind(
+                self,
+                worker,
+                self._health,
+                values=self.values,
+                latest=lambda: self._latest,
+                active=lambda: self._active,
+            )
+            for kind in (HandActions, JointCommands)
         )
         self._description = HandDescription(self, self._values)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -168,6 +172,7 @@ class HandBridge(LifecycleNode):
         self._topics.end()
         self._hand_services.end()
         self._hand_actions.end()
+        self._joint_commands.end()
         self._description.end()
         arm, self._arm = self._arm, None
         if arm is not None:

@@ -17,7 +17,13 @@ from barrett_hand_bridge.arm import quaternion_of
 from barrett_hand_bridge.contacts import Contact
 from barrett_hand_bridge.hand import FINGERS, SPREAD
 from barrett_hand_bridge.kinematics import Array, JointAngles, cross
-from barrett_hand_bridge.motion import Following, MotionError, TrajectoryPoint, joint_position
+from barrett_hand_bridge.motion import (
+    Following,
+    MotionError,
+    TrajectoryPoint,
+    joint_position,
+    out_of_reach,
+)
 from barrett_hand_bridge.observer import FingerReading, Observation
 from grasp_common.messages import cloud, header, point_fields
 
@@ -176,6 +182,40 @@ def joint_positions(message: JointState) -> dict[str, float]:
     if len(message.name) != len(message.position):
         return {}
     return {name: float(value) for name, value in zip(message.name, message.position, strict=True)}
+
+
+def commanded_positions(message: JointState, names: Sequence[str]) -> dict[int, float]:
+    """`hand/joint_commands`: rad by motor, `names` as in hand/joint_states.
+
+    A position that is not a number is none: so a controller manager says that nobody commands.
+
+    Raises:
+        MotionError: a joint that cannot be commanded or is named twice, another number of
+            positions than names, or a position out of reach.
+    """
+    motors = _motors(names)
+    unknown = [name for name in message.name if name not in motors]
+    if unknown or len(set(message.name)) != len(message.name):
+        allowed = ', '.join(motors)
+        raise MotionError(
+            f'commands for {", ".join(map(repr, message.name[:8]))}: each of {allowed} can be '
+            'commanded, once'
+        )
+    if len(message.position) != len(message.name):
+        raise MotionError(
+            f'{len(message.position)} positions for {len(message.name)} joints: only positions '
+            'can be commanded'
+        )
+    wanted = {
+        motors[name]: float(position)
+        for name, position in zip(message.name, message.position, strict=True)
+        if not math.isnan(position)
+    }
+    for motor, position in wanted.items():
+        refusal = out_of_reach(motor, position)
+        if refusal:
+            raise MotionError(refusal)
+    return wanted
 
 
 def trajectory_points(message: JointTrajectory, names: Sequence[str]) -> list[TrajectoryPoint]:

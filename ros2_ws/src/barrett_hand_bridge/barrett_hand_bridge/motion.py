@@ -73,7 +73,24 @@ def joint_position(observation: Observation, motor: int) -> float:
     return (angles.inner[motor] + angles.outer[motor]) * 0.75
 
 
-class _StallWatch:
+def met_limit(observation: Observation, motors: Sequence[int], limit_nm: float) -> str:
+    """Which of the fingers that move carries more than `limit_nm`; '' where none does."""
+    for finger in FINGERS:
+        torque = observation.fingers[finger].torque_nm
+        if finger in motors and abs(torque) > limit_nm:
+            return f'finger {finger} met {torque:.2f} N m, the limit is {limit_nm:g} N m'
+    return ''
+
+
+def out_of_reach(motor: int, position: float) -> str:
+    """Why a joint cannot be brought to `position` (rad); '' where it can."""
+    highest = math.pi if motor == SPREAD else FINGER_TRAVEL_RAD
+    if math.isfinite(position) and -AT_REST_RAD <= position <= highest + AT_REST_RAD:
+        return ''
+    return f'motor {motor} at {position} rad, must be 0 to {highest:.3f}'
+
+
+class StallWatch:
     """Tells when motors that should run have not moved for a while."""
 
     def __init__(self) -> None:
@@ -81,6 +98,7 @@ class _StallWatch:
         self._moved_s = -math.inf
 
     def stalled(self, observation: Observation, motors: Sequence[int], time_s: float) -> bool:
+        """Whether none of `motors` has moved for STALL_S."""
         positions = {motor: joint_position(observation, motor) for motor in motors}
         moved = any(
             abs(positions[motor] - self._last.get(motor, math.inf)) > AT_REST_RAD
@@ -99,7 +117,7 @@ class Opening:
         """Open `fingers` at a speed of joint 2."""
         self._fingers = tuple(fingers)
         self._speed = speed_rad_s
-        self._watch = _StallWatch()
+        self._watch = StallWatch()
 
     def step(self, observation: Observation, time_s: float) -> Mapping[int, float] | MotionResult:
         """See `Motion`."""
@@ -147,7 +165,7 @@ class Closing:
         self._settings = settings
         self._arrived: set[int] = set()
         self._standing_s: float | None = None
-        self._watch = _StallWatch()
+        self._watch = StallWatch()
 
     def step(self, observation: Observation, time_s: float) -> Mapping[int, float] | MotionResult:
         """See `Motion`."""
@@ -316,14 +334,9 @@ class Following:
             worst = self._fastest_start(position)
             if worst is not None:
                 return MotionResult(False, worst)
-        for finger in FINGERS:
-            torque = observation.fingers[finger].torque_nm
-            if finger in self.motors and abs(torque) > self._torque_limit:
-                return MotionResult(
-                    False,
-                    f'finger {finger} met {torque:.2f} N m, the limit is '
-                    f'{self._torque_limit:g} N m',
-                )
+        met = met_limit(observation, self.motors, self._torque_limit)
+        if met:
+            return MotionResult(False, met)
         elapsed = time_s - self._start_s
         target, speed = self._reference(elapsed)
         self.desired = target
@@ -398,14 +411,9 @@ def _check_points(points: Sequence[TrajectoryPoint], fastest_rad_s: float) -> No
         if not math.isfinite(point.time_s) or point.time_s < 0.0:
             raise MotionError(f'point {number}: time {point.time_s} s')
         for motor, position in point.positions.items():
-            highest = math.pi if motor == SPREAD else FINGER_TRAVEL_RAD
-            if (
-                not math.isfinite(position)
-                or not -AT_REST_RAD <= position <= highest + AT_REST_RAD
-            ):
-                raise MotionError(
-                    f'point {number}: motor {motor} at {position} rad, must be 0 to {highest:.3f}'
-                )
+            refusal = out_of_reach(motor, position)
+            if refusal:
+                raise MotionError(f'point {number}: {refusal}')
         if before is not None:
             span = point.time_s - before.time_s
             if span <= 0.0:

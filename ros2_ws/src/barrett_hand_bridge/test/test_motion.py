@@ -21,6 +21,7 @@ from barrett_hand_bridge.motion import (
     slower_than_hand,
 )
 from barrett_hand_bridge.observer import HandObserver, ObserverSettings
+from barrett_hand_bridge.tracking import Tracking, far_from_hand
 
 GAUGE = GaugeCalibration(
     'cubic', coefficients_nm=(0.0, 0.01), no_load_counts=(100, 140), noise_counts=0.5
@@ -160,3 +161,27 @@ def test_a_first_point_too_far_away_is_refused_before_anything_moves():
 def test_an_impossible_trajectory_is_refused(points, complaint):
     with pytest.raises(MotionError, match=complaint):
         following(*points)
+
+
+def test_a_command_far_from_the_hand_does_not_start_it():
+    assert far_from_hand(state(40.0), {1: math.radians(41.0)}) == ''
+    assert 'stands 40.0 degrees' in far_from_hand(state(40.0), {1: 0.0})
+
+
+def test_it_goes_where_it_is_aimed_at_last_and_ends_there():
+    motion = Tracking({1: math.radians(41.0)}, fastest_rad_s=0.8, torque_limit_nm=1.0)
+    assert motion.step(state(40.0), 0.0)[1] == pytest.approx(10.0 * math.radians(1.0), rel=0.01)
+    motion.aim({1: math.radians(80.0)})
+    assert motion.step(state(41.0), 0.1) == {1: 0.8}
+    assert isinstance(motion.step(state(80.0), 0.4), dict)
+    assert motion.step(state(80.0), 0.7) == MotionResult(True, 'at the commanded position')
+    assert motion.arrived == {1: math.radians(80.0)}
+
+
+def test_a_finger_that_meets_something_or_stands_ends_it():
+    motion = Tracking({1: math.radians(60.0)}, fastest_rad_s=0.8, torque_limit_nm=0.5)
+    met = motion.step(state(40.0, torque=0.6), 0.0)
+    assert not met.done and '0.60 N m' in met.message
+    motion.step(state(40.0), 0.1)
+    stuck = motion.step(state(40.0), 1.3)
+    assert not stuck.done and 'does not come nearer' in stuck.message

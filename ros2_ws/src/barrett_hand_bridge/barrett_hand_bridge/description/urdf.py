@@ -133,9 +133,8 @@ def _spread(finger: int, called: Names, knuckle: str, place: Array) -> list[str]
         return _fixed(pair, place)
     if finger == 1:
         return _joint(spread, pair, place, math.pi, axis='0 0 -1')
-    follower = f'{called.prefix}{spread}_2' if called.prefix else f'{spread}_2'
     mimic = f'    <mimic joint="{spread}"/>'
-    return _joint(follower, pair, place, math.pi, more=[mimic])
+    return _joint(f'{spread}_2', pair, place, math.pi, more=[mimic])
 
 
 def _origin(place: Array) -> str:

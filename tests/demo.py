@@ -3,8 +3,8 @@
 
 Three real processes on a ROS domain of their own: `replay` sends the recording, `deformation`
 answers every contact sample with the surface, `scan_compare` judges it against the scans. This
-script only listens. `grasp_report` then works the same bag offline. Exit code 1 if a sample stayed
-without an answer.
+script only listens. `grasp_report` works the same bag offline meanwhile, in the time that the
+nodes leave. Exit code 1 if a sample stayed without an answer.
 """
 
 from __future__ import annotations
@@ -16,8 +16,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -25,7 +27,7 @@ ROOT = Path(__file__).resolve().parent.parent
 BIN = Path(sys.executable).parent
 START_TIMEOUT_S = 120.0
 STOP_TIMEOUT_S = 10.0
-SETTLE_TIMEOUT_S = 20.0
+SETTLE_TIMEOUT_S = 60.0
 
 os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -77,19 +79,33 @@ def main() -> int:
     parser.add_argument('--out', type=Path, default=ROOT / 'out' / 'demo')
     options = parser.parse_args()
     print(f'1/2  {options.bag.name} through the live nodes', flush=True)
-    summary = live(options.bag, options.rate)
-    print(
-        f'     {summary["contacts"]} contact samples, {summary["answered"]} answered by a '
-        f'surface, {summary["lost"]} lost; {summary["compared"]} of {summary["scans"]} scans '
-        'compared live'
-    )
-    print('2/2  the same bag offline, against the published table', flush=True)
-    report = subprocess.run(
-        [BIN / 'grasp_report', options.bag, '--out', options.out, '--no-samples'], check=False
-    )
+    with offline(options.bag, options.out) as report:
+        summary = live(options.bag, options.rate)
+        print(
+            f'     {summary["contacts"]} contact samples, {summary["answered"]} answered by a '
+            f'surface, {summary["lost"]} lost; {summary["compared"]} of {summary["scans"]} scans '
+            'compared live'
+        )
+        print('2/2  the same bag offline, against the published table', flush=True)
+        print(report.communicate()[0], end='')
     if report.returncode == 0:
         print(f'open {options.out / "report.html"}')
     return report.returncode or int(summary['lost'] > 0)
+
+
+@contextmanager
+def offline(bag: Path, out: Path) -> Iterator[subprocess.Popen[str]]:
+    """`grasp_report` at work, behind the nodes; ended with the block."""
+    report = subprocess.Popen(
+        ['nice', BIN / 'grasp_report', bag, '--out', out, '--no-samples'],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        yield report
+    finally:
+        _stop(report)
 
 
 def live(bag: Path, rate: float) -> dict[str, int]:
@@ -175,7 +191,7 @@ def _start(executable: str, arguments: list[str], logs: Path) -> subprocess.Pope
     )
 
 
-def _stop(process: subprocess.Popen[bytes]) -> None:
+def _stop(process: subprocess.Popen[Any]) -> None:
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
         try:

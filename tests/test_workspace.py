@@ -34,7 +34,7 @@ def test_every_executable_refuses_an_option_it_does_not_know(package, name):
     assert '--no-such-option' in asked.stderr or 'required' in asked.stderr
 
 
-@pytest.mark.parametrize('lock', ['lock.txt', 'lock-cell.txt'])
+@pytest.mark.parametrize('lock', ['lock.txt', 'lock-run.txt', 'lock-cell.txt'])
 def test_locks_are_hashed_and_name_no_index(lock):
     text = (ROOT / 'requirements' / lock).read_text()
     assert not re.search(r'^\s*--(index|extra-index|find-links|trusted)', text, re.MULTILINE)
@@ -43,6 +43,20 @@ def test_locks_are_hashed_and_name_no_index(lock):
     blocks = re.split(r'^(?=[a-z0-9][\w.-]*==)', text, flags=re.MULTILINE)[1:]
     assert len(blocks) == len(pinned) > 50
     assert all('--hash=sha256:' in block for block in blocks)
+
+
+def test_what_the_demo_installs_is_part_of_the_whole():
+    """Each of its blocks, hashes included; only what asked for a package may differ."""
+    whole, part = (
+        {
+            '\n'.join(line for line in block.splitlines() if not line.lstrip().startswith('#'))
+            for block in re.split(r'^(?=[a-z0-9])', text, flags=re.MULTILINE)
+        }
+        for text in (
+            (ROOT / 'requirements' / name).read_text() for name in ('lock.txt', 'lock-run.txt')
+        )
+    )
+    assert part < whole
 
 
 def build(base, sources, *options):

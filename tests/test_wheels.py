@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from importlib.metadata import distribution
@@ -107,6 +108,36 @@ def test_a_wheel_carries_its_licence_version_and_description(wheels: Path, packa
         r'<version>(.*)</version>', (SOURCES / package / 'package.xml').read_text()
     )
     assert version is not None and found == [f'{package}-{version.group(1)}-py3-none-any.whl']
+
+
+def requirements(folder: Path, into: Path) -> list[Requirement]:
+    """What the package of a folder requires, extras included."""
+    command = [sys.executable, 'setup.py', '--quiet', 'egg_info', '--egg-base', str(into)]
+    subprocess.run(command, check=True, cwd=folder, capture_output=True)
+    (listed,) = into.glob('*.egg-info/requires.txt')
+    return [
+        Requirement(line)
+        for line in listed.read_text().splitlines()
+        if line and not line.startswith('[')
+    ]
+
+
+@pytest.mark.parametrize('package', ['shell_deform', 'grasp_replay'])
+def test_pip_takes_what_a_package_needs_of_ours_from_the_folders_beside_it(
+    package: str, tmp_path: Path
+) -> None:
+    """`pip install ./ros2_ws/src/shell_deform` is one command; elsewhere names are plain ones."""
+    alone = tmp_path / 'alone'
+    alone.mkdir()
+    for name in ('setup.py', 'setup.cfg', 'package.xml', 'README.md'):
+        shutil.copy(SOURCES / package / name, alone)
+    for folder, beside in ((SOURCES / package, True), (alone, False)):
+        into = tmp_path / f'info_{beside}'
+        into.mkdir()
+        ours = {one.name: one.url for one in requirements(folder, into) if one.name in PACKAGES}
+        assert 'grasp_common' in ours
+        assert ours == {name: (SOURCES / name).as_uri() if beside else None for name in ours}
+    assert not (SOURCES / package / 'build').exists()
 
 
 def test_the_ball_is_solved_without_ros(environment: Path) -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build description of barrett_hand_bridge (ament_python); package.xml says who."""
 
+import tempfile
 from glob import glob
 from pathlib import Path
 from xml.etree import ElementTree
@@ -10,9 +11,19 @@ from setuptools import find_packages, setup
 PACKAGE = 'barrett_hand_bridge'
 HERE = Path(__file__).resolve().parent
 ABOUT = ElementTree.parse(HERE / 'package.xml').getroot()
+# Not beside the sources: what was once built there would be packed for ever.
+BUILT = tempfile.TemporaryDirectory()
+
+
+def ours(name):
+    """That package: from the folder beside this one, where pip takes both from one repository."""
+    beside = HERE.parent / name
+    return f'{name} @ {beside.as_uri()}' if (beside / 'setup.py').exists() else name
+
 
 setup(
     name=PACKAGE,
+    options={'build': {'build_base': BUILT.name}},
     version=ABOUT.findtext('version'),
     packages=find_packages(exclude=['test']),
     package_data={PACKAGE: ['py.typed', 'description/meshes/*.stl', 'description/*.xacro']},
@@ -26,7 +37,7 @@ setup(
     ],
     python_requires='>=3.10',
     install_requires=[
-        'grasp_common',
+        ours('grasp_common'),
         'numpy>=1.26',
         'scipy>=1.11',
         'pyyaml',

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build description of grasp_common (ament_python): who and which version say package.xml."""
 
+import tempfile
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -9,9 +10,12 @@ from setuptools import find_packages, setup
 PACKAGE = 'grasp_common'
 HERE = Path(__file__).resolve().parent
 ABOUT = ElementTree.parse(HERE / 'package.xml').getroot()
+# Not beside the sources: what was once built there would be packed for ever.
+BUILT = tempfile.TemporaryDirectory()
 
 setup(
     name=PACKAGE,
+    options={'build': {'build_base': BUILT.name}},
     version=ABOUT.findtext('version'),
     packages=find_packages(exclude=['test']),
     package_data={PACKAGE: ['py.typed']},

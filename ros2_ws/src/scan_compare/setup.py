@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build description of scan_compare (ament_python): who and which version say package.xml."""
 
+import tempfile
 from glob import glob
 from pathlib import Path
 from xml.etree import ElementTree
@@ -10,9 +11,19 @@ from setuptools import find_packages, setup
 PACKAGE = 'scan_compare'
 HERE = Path(__file__).resolve().parent
 ABOUT = ElementTree.parse(HERE / 'package.xml').getroot()
+# Not beside the sources: what was once built there would be packed for ever.
+BUILT = tempfile.TemporaryDirectory()
+
+
+def ours(name):
+    """That package: from the folder beside this one, where pip takes both from one repository."""
+    beside = HERE.parent / name
+    return f'{name} @ {beside.as_uri()}' if (beside / 'setup.py').exists() else name
+
 
 setup(
     name=PACKAGE,
+    options={'build': {'build_base': BUILT.name}},
     version=ABOUT.findtext('version'),
     packages=find_packages(exclude=['test']),
     package_data={PACKAGE: ['py.typed', '**/*.yaml', '**/*.html', '**/*.css', '**/*.js']},
@@ -23,7 +34,7 @@ setup(
         ('share/' + PACKAGE + '/config', glob('config/*')),
     ],
     python_requires='>=3.10',
-    install_requires=['grasp_common', 'shell_deform', 'numpy>=1.26', 'scipy>=1.11'],
+    install_requires=[ours('grasp_common'), ours('shell_deform'), 'numpy>=1.26', 'scipy>=1.11'],
     extras_require={'picture': ['matplotlib'], 'test': ['pytest', 'hypothesis']},
     zip_safe=False,
     author=ABOUT.findtext('author'),

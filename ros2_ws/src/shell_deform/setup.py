@@ -3,6 +3,7 @@
 
 import subprocess
 import sys
+import tempfile
 from glob import glob
 from pathlib import Path
 from xml.etree import ElementTree
@@ -14,6 +15,14 @@ from setuptools.command.install import install
 PACKAGE = 'shell_deform'
 HERE = Path(__file__).resolve().parent
 ABOUT = ElementTree.parse(HERE / 'package.xml').getroot()
+# Not beside the sources: what was once built there would be packed for ever.
+BUILT = tempfile.TemporaryDirectory()
+
+
+def ours(name):
+    """That package: from the folder beside this one, where pip takes both from one repository."""
+    beside = HERE.parent / name
+    return f'{name} @ {beside.as_uri()}' if (beside / 'setup.py').exists() else name
 
 
 def compile_kernels(place):
@@ -45,6 +54,7 @@ class CompiledDevelop(develop):
 
 setup(
     name=PACKAGE,
+    options={'build': {'build_base': BUILT.name}},
     cmdclass={'install': CompiledInstall, 'develop': CompiledDevelop},
     version=ABOUT.findtext('version'),
     packages=find_packages(exclude=['test']),
@@ -56,12 +66,12 @@ setup(
         ('share/' + PACKAGE + '/config', glob('config/*')),
     ],
     python_requires='>=3.10',
-    install_requires=['grasp_common', 'numpy>=1.26', 'scipy>=1.11', 'numba>=0.60', 'pyyaml'],
+    install_requires=[ours('grasp_common'), 'numpy>=1.26', 'scipy>=1.11', 'numba>=0.60', 'pyyaml'],
     extras_require={
         'picture': ['matplotlib'],
         'prepare': ['trimesh', 'fast-simplification', 'matplotlib'],
         'bags': ['rosbags'],
-        'scan': ['scan_compare'],
+        'scan': [ours('scan_compare')],
         'test': ['pytest', 'hypothesis'],
     },
     zip_safe=False,

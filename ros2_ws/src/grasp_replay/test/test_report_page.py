@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 from markupsafe import Markup
+from tests.legible import NAMELESS, TEXTS, worst_contrast
 
 from grasp_replay.report import (
     Curve,
@@ -394,6 +395,30 @@ def test_a_phone_does_not_scroll_sideways(open_tab, page: Path) -> None:
     tab = open_tab(390, 800)
     tab.goto(page.as_uri())
     assert tab.evaluate('document.documentElement.scrollWidth') <= 390
+
+
+@pytest.mark.chromium
+@pytest.mark.parametrize(
+    ('scheme', 'ground'), [('light', (255, 255, 255)), ('dark', (21, 27, 34))]
+)
+def test_text_stands_out_controls_have_names_and_nothing_is_fetched(
+    open_tab, page: Path, scheme: str, ground: tuple[int, int, int]
+) -> None:
+    tab = open_tab(1200, 900, color_scheme=scheme)
+    asked: list[str] = []
+    tab.on('request', lambda request: asked.append(request.url))
+    tab.goto(page.as_uri())
+    tab.wait_for_selector('body.webgl')
+    texts = tab.evaluate(TEXTS)
+    assert len(texts) > 50
+    assert [one for one in worst_contrast(texts, ground) if one[0] < 4.5] == []
+    assert [(one['text'], one['size']) for one in texts if one['size'] < 11] == []
+    assert tab.evaluate(NAMELESS) == []
+    assert tab.evaluate('document.documentElement.lang') == 'en'
+    without = "() => [...document.querySelectorAll('img')].filter(e => !e.alt).length"
+    assert tab.evaluate(without) == 0
+    assert tab.complaints == []
+    assert [url for url in asked if not url.startswith(('file:', 'data:', 'blob:'))] == []
 
 
 @pytest.mark.chromium

@@ -13,7 +13,7 @@ import html
 import json
 from collections.abc import Callable, Mapping
 from importlib.resources import files
-from urllib.parse import quote
+from urllib.parse import parse_qs, quote
 
 from websockets.datastructures import Headers
 from websockets.http11 import Response
@@ -48,17 +48,19 @@ def complete(page: str) -> str:
 
 
 class FrontPage:
-    """Completes the library's answers; `parts` gives the overlays' HTML by name."""
+    """Completes the library's answers; `parts` gives the overlays' HTML by name, to a tab."""
 
-    def __init__(self, parts: Callable[[], Parts]) -> None:
+    def __init__(self, parts: Callable[[str], Parts]) -> None:
         self._parts = parts
         self._completed: dict[bytes, bytes] = {}
 
     def answer(self, path: str) -> Response | None:
         """The answer to a path of our own; None for the library's."""
-        if path.partition('?')[0] != OVERLAY_PATH:
+        place, _, query = path.partition('?')
+        if place != OVERLAY_PATH:
             return None
-        body = json.dumps(dict(self._parts())).encode()
+        tab = parse_qs(query).get('tab', [''])[0]
+        body = json.dumps(dict(self._parts(tab))).encode()
         headers = {'Content-Type': 'application/json', 'Cache-Control': 'no-store'}
         return _response(200, 'OK', headers, body)
 

@@ -33,7 +33,7 @@ from .curves import Curves
 from .hand_description import DescriptionError, barrett_hand, read_description
 from .page import BUTTONS, Page, PageError
 from .parameters import PARAMETERS, usage
-from .plot_panel import SERIES
+from .plot_panel import SERIES, STAMP
 from .poses import Pose, PoseError
 from .replay_panel import ReplayState
 from .scene_model import CONTACT, Snapshot
@@ -110,7 +110,7 @@ class GraspView(Node):
             hand_frame=str(self.get_parameter('hand_frame').value),
             hand=barrett_hand(),
         )
-        self._series = TimeSeries(SERIES, span, int(span * self._rate) + 1)
+        self._series = TimeSeries((*SERIES, STAMP), span, int(span * self._rate) + 1)
         self._history: History[Snapshot] = History(span, int(span / HISTORY_PERIOD_S) + 1)
         self._curves = Curves()
         self._commands: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -321,6 +321,7 @@ class GraspView(Node):
         values = {name: snapshot.numbers[name] for name in SERIES if name in snapshot.numbers}
         values['surface_age'] = now - self._surface_at
         values['latency'] = self._latency
+        values[STAMP] = snapshot.time
         contacts = snapshot.contacts
         if contacts is not None:
             size = np.linalg.norm(contacts.forces, axis=1)

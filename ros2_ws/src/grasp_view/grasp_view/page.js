@@ -7,7 +7,10 @@
   const chosen = () => { try { return localStorage.getItem('grasp-theme'); } catch { return null; } };
   const isDark = () => (chosen() || (wanted.matches ? 'dark' : 'light')) === 'dark';
   // Read by the server when the library connects; it themes the library's own parts.
+  // By the name of this tab the server knows whose camera a scale bar is of.
+  const tab = Array.from(crypto.getRandomValues(new Uint32Array(3)), n => n.toString(36)).join('');
   const tell = () => {
+    document.cookie = `grasp_tab=${tab}; path=/; SameSite=Strict`;
     document.cookie = `grasp_theme=${isDark() ? 'dark' : 'light'}; path=/; SameSite=Strict`;
     document.documentElement.classList.toggle('grasp-dark', isDark());
   };
@@ -27,7 +30,7 @@
       return element;
     };
     const parts = { header: part('header', 'header'), legend: part('legend'), chip: part('chip'),
-      probe: part('probe') };
+      probe: part('probe'), scale: part('scale') };
     const theme = document.createElement('button');
     theme.id = 'grasp-theme';
     theme.type = 'button';
@@ -59,7 +62,7 @@
     let missed = 0;
     const ask = async () => {
       try {
-        const answer = await (await fetch('overlay', { cache: 'no-store' })).json();
+        const answer = await (await fetch(`overlay?tab=${tab}`, { cache: 'no-store' })).json();
         missed = 0;
         for (const [name, element] of Object.entries(parts)) {
           const now = answer[name] || '';
@@ -69,6 +72,7 @@
         if (answer.title && document.title !== answer.title) document.title = answer.title;
       } catch {
         missed += 1;
+        tell();
       }
       overlay.classList.toggle('lost', missed >= LOST_AFTER);
       setTimeout(ask, PERIOD_MS);

@@ -23,9 +23,10 @@ from .curves import Curves
 from .front_page import TITLE, FrontPage
 from .grasp_measures import hold_html
 from .own_server import OwnServer
-from .plot_panel import PlotPanel
+from .plot_panel import STAMP, PlotPanel
 from .probe import Probe, probe_html
 from .replay_panel import ReplayPanel, ReplayState
+from .scale_bar import scale_html
 from .scene_model import DISPLACEMENT, QUANTITIES, SHAPES, Snapshot
 from .scene_view import SceneView
 from .section import section_of
@@ -67,7 +68,7 @@ class Page:
         """
         self._parts: dict[str, str] = {}
         try:
-            self.server = OwnServer(host, port, FrontPage(lambda: self._parts))
+            self.server = OwnServer(host, port, FrontPage(self._overlay))
         except OSError as error:
             raise PageError(
                 f'cannot serve on {host}:{port}: {error}; parameter host is an address of this '
@@ -210,18 +211,22 @@ class Page:
         if now >= self._next_text:
             self._next_text = now + TEXT_PERIOD_S
             self._write(snapshot, legend, words.told(snapshot, answer_age, since_reset))
-        if now >= self._next_plot and self._live.value:
+        if now >= self._next_plot:
             self._next_plot = now + PLOT_PERIOD_S
-            self._draw_plots()
+            self._draw_plots(snapshot.time)
 
-    def _draw_plots(self) -> None:
+    def _draw_plots(self, shown: float) -> None:
+        """All diagrams, with a line at the surface of the stamp `shown` (s)."""
         visitors = self._visitors.all
         for number in self._plots.keys() - visitors.keys():
             del self._plots[number]
         for number, visitor in tuple(visitors.items()):
             if number not in self._plots:
                 self._plots[number] = PlotPanel(visitor, self._series)
-            self._plots[number].draw()
+            if self._live.value or self._plots[number].empty:
+                self._plots[number].draw()
+            else:
+                self._plots[number].mark(self._series.when(STAMP, shown))
 
     def _write(self, snapshot: Snapshot, legend: Legend, now: words.Told) -> None:
         quantity = legend.quantity
@@ -250,6 +255,11 @@ class Page:
             'chip': f'<b>{now.word}</b>{largest}',
             'probe': probe_html(reading),
         }
+
+    def _overlay(self, tab: str) -> dict[str, str]:
+        """What stands over the scene in that tab."""
+        visitor = self._visitors.of_tab(tab)
+        return {**self._parts, 'scale': '' if visitor is None else scale_html(visitor.pixel)}
 
     def close(self) -> None:
         """Stop serving."""

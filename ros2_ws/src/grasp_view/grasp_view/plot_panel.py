@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers over time: a strip below the scene, a diagram a tab.
 
-Drag over a diagram to look closer, double-click for the whole again; while somebody looks back in
-time the diagrams stand still, so that a closer look stays.
+Drag over a diagram to look closer, double-click for the whole again. A line marks the time of the
+picture; while somebody looks back in time it moves and the diagrams stand still, so that a closer
+look stays.
 """
 
 from __future__ import annotations
@@ -50,6 +51,10 @@ PLOTS = (
     ),
 )
 SERIES = tuple(name for plot in PLOTS for name in plot.series)
+STAMP = 'stamp'
+"""Beside them: the stamp (s) of the surface that was shown."""
+MARK = 'mark'
+"""The scale of the line at the time of the picture."""
 
 
 class PlotPanel:
@@ -59,7 +64,9 @@ class PlotPanel:
         self._series = series
         self._handles: list[tuple[Plot, viser.GuiUplotHandle]] = []
         self._shown: dict[str, tuple[bool, ...]] = {}
-        gui = visitor.client.gui
+        self._drawn: dict[str, tuple[Floats, ...]] = {}
+        self._now = self._marked = 0.0
+        gui, self._ink = visitor.client.gui, visitor.palette.ink
         panel = gui.add_panel()
         width = visitor.window.scene[0] - 2 * GAP
         panel.float(x=GAP, y=-GAP, width=width, height=STRIP - GAP)
@@ -71,9 +78,13 @@ class PlotPanel:
             empty = np.array([-series.span, 0.0])
             with panel.add_tab(plot.title):
                 handle = gui.add_uplot(
-                    (empty, *(np.zeros(2) for _ in plot.series)),
-                    _lines(plot, unknown),
-                    scales={'x': uplot.Scale(time=False), 'y': uplot.Scale(auto=True)},
+                    (empty, *(np.zeros(2) for _ in plot.series), np.zeros(2)),
+                    _lines(plot, unknown, self._ink),
+                    scales={
+                        'x': uplot.Scale(time=False),
+                        'y': uplot.Scale(auto=True),
+                        MARK: uplot.Scale(auto=False, range=(0.0, 1.0)),
+                    },
                     legend=uplot.Legend(show=True, live=False),
                     padding=(8, 20, 0, 4),
                     height=DIAGRAM_HEIGHT,
@@ -87,13 +98,29 @@ class PlotPanel:
         for plot, handle in self._handles:
             time, *columns = self._series.columns(tuple(plot.series), ROWS)
             # Seconds before now: the diagram's window stands still while the lines move.
-            data, shown = plottable(time - time[-1:].sum(), columns, plot.factor)
+            self._now = self._marked = float(time[-1:].sum())
+            data, shown = plottable(time - self._now, columns, plot.factor)
             if not len(data[0]):
                 continue
             if shown != self._shown[plot.title]:
                 self._shown[plot.title] = shown
-                handle.series = _lines(plot, shown)
-            handle.data = data
+                handle.series = _lines(plot, shown, self._ink)
+            self._drawn[plot.title] = data
+            handle.data = marked(data, 0.0)
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing was drawn yet."""
+        return not self._drawn
+
+    def mark(self, time: float) -> None:
+        """Move the line to `time` s of the series, if that is known; leave the rest as it is."""
+        if time == self._marked or not np.isfinite(time):
+            return
+        self._marked = time
+        for plot, handle in self._handles:
+            if plot.title in self._drawn:
+                handle.data = marked(self._drawn[plot.title], time - self._now)
 
 
 def plottable(
@@ -120,13 +147,27 @@ def plottable(
     ), known
 
 
+def marked(data: tuple[Floats, ...], at: float) -> tuple[Floats, ...]:
+    """Columns over their time with one more: 1 at the time `at`, 0 elsewhere."""
+    time, *columns = data
+    at = float(np.clip(at, time[0], time[-1]))
+    place = int(np.searchsorted(time, at))
+
+    def with_place(values: Floats) -> Floats:
+        return np.insert(values, place, np.full(3, np.interp(at, time, values)))
+
+    line = np.zeros(len(time) + 3)
+    line[place + 1] = 1.0
+    return with_place(time), *map(with_place, columns), line
+
+
 def _axes(visitor: Visitor) -> tuple[uplot.Axis, ...]:
     ink, grid = visitor.palette.second_ink, '#8593a133'
     axis: uplot.Axis = {'stroke': ink, 'grid': {'stroke': grid}}
     return axis, axis
 
 
-def _lines(plot: Plot, shown: tuple[bool, ...]) -> tuple[uplot.Series, ...]:
+def _lines(plot: Plot, shown: tuple[bool, ...], ink: str) -> tuple[uplot.Series, ...]:
     return (
         uplot.Series(label='s'),
         *(
@@ -134,5 +175,8 @@ def _lines(plot: Plot, shown: tuple[bool, ...]) -> tuple[uplot.Series, ...]:
             for label, (colour, dash), show in zip(
                 plot.series.values(), LINES, shown, strict=False
             )
+        ),
+        uplot.Series(
+            label='time shown', stroke=ink, width=1.5, scale=MARK, points={'show': False}
         ),
     )

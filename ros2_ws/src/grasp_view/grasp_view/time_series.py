@@ -34,6 +34,14 @@ class TimeSeries:
     def __len__(self) -> int:
         return len(self._rows)
 
+    def when(self, name: str, value: float) -> float:
+        """Time (s) of the last row whose `name` is nearest to `value`; NaN where none is known."""
+        time, values = self.columns((name,), max(len(self._rows), 1))
+        off = np.abs(values - value)
+        if not np.isfinite(off).any():
+            return float('nan')
+        return float(time[off <= np.nanmin(off)][-1])
+
     def columns(self, names: Sequence[str], most: int) -> tuple[Floats, ...]:
         """Time (n,) in s and one array (n,) per name; at most `most` rows, evenly picked."""
         if not self._rows:

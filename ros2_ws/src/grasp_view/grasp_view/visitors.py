@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -22,6 +23,8 @@ SHEET_SHARE = 0.46
 STRIP = 212
 # What `page.js` says when the browser, or the visitor, wants it dark.
 DARK_COOKIE = 'grasp_theme=dark'
+# By what name the tab of a browser asks for its overlays, which it also says.
+TAB_COOKIE = re.compile(r'grasp_tab=(\w+)')
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,7 @@ class Visitor:
     client: viser.ClientHandle
     window: Window
     dark: bool = False
+    tab: str = ''
 
     @property
     def palette(self) -> Palette:
@@ -77,6 +81,13 @@ class Visitor:
         right = np.cross(ahead, np.asarray(camera.up_direction))
         right = right / max(float(np.linalg.norm(right)), 1e-9)
         return right, np.cross(right, ahead), ahead
+
+    @property
+    def pixel(self) -> float:
+        """Width of a pixel at the place looked at, in units of the scene."""
+        camera = self.client.camera
+        away = float(np.linalg.norm(np.asarray(camera.look_at) - np.asarray(camera.position)))
+        return 2.0 * away * float(np.tan(camera.fov / 2.0)) / max(camera.image_height, 1)
 
     def dress(self) -> None:
         """Theme and background as it wants them."""
@@ -101,7 +112,9 @@ class Visitors:
         async def _(client: viser.ClientHandle) -> None:
             camera = client.camera
             window = Window(camera.image_width, camera.image_height)
-            visitor = Visitor(client, window, DARK_COOKIE in server.cookies(client))
+            cookies = server.cookies(client)
+            tab = TAB_COOKIE.search(cookies)
+            visitor = Visitor(client, window, DARK_COOKIE in cookies, tab[1] if tab else '')
             client.gui.main_panel.dock_right()
             client.gui.main_panel.set_width(MAIN_PANEL)
             visitor.dress()
@@ -110,6 +123,11 @@ class Visitors:
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
             self.all.pop(client.client_id, None)
+
+    def of_tab(self, tab: str) -> Visitor | None:
+        """The browser's tab of that name; None for an unknown one, or where two have it."""
+        found = [visitor for visitor in self if visitor.tab == tab != '']
+        return found[0] if len(found) == 1 else None
 
     def __iter__(self) -> Iterator[Visitor]:
         """Every browser, whoever comes or goes meanwhile."""

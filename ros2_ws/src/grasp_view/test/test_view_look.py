@@ -6,73 +6,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PIL import Image
+from tests.legible import NAMELESS, TEXTS, contrast, luminance, worst_contrast
 from view_browser import displacement_mm, picture
+from view_grasp import RADIUS
 
 from grasp_view.palette import DARK, LIGHT, Palette, rgb
-
-# Text that is visible, its colour, and the colours behind it until one is opaque.
-TEXTS = """() => {
-  const found = [];
-  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-  for (let node; (node = walker.nextNode());) {
-    const text = node.textContent.trim();
-    const element = node.parentElement;
-    if (!text || !element || ['SCRIPT', 'STYLE'].includes(element.tagName)) continue;
-    const box = element.getBoundingClientRect();
-    const style = getComputedStyle(element);
-    if (!box.width || !box.height || style.visibility === 'hidden') continue;
-    if (element.closest('canvas, .mantine-Notifications-root, [aria-hidden=true]')) continue;
-    const svg = element.namespaceURI.endsWith('svg');
-    const behind = [];
-    let opacity = 1;
-    for (let e = element; e; e = e.parentElement) {
-      const s = getComputedStyle(e);
-      opacity *= Number(s.opacity);
-      behind.push(s.backgroundColor);
-    }
-    found.push({text: text.slice(0, 40), colour: svg ? style.fill : style.color, behind, opacity,
-                size: parseFloat(style.fontSize)});
-  }
-  return found;
-}"""
-NAMELESS = """() => [...document.querySelectorAll('input, button, [role=slider], [role=img]')]
-  .filter(e => e.getBoundingClientRect().width && e.type !== 'hidden')
-  .filter(e => !(e.innerText || '').trim() && !e.getAttribute('aria-label') && !e.title
-    && !(e.labels && e.labels.length) && !e.closest('label')
-    && !document.querySelector(`label[for="${CSS.escape(e.id || '-')}"]`))
-  .map(e => e.outerHTML.slice(0, 160))"""
-
-
-def luminance(colour) -> float:
-    value = np.asarray(colour, dtype=float)[:3] / 255.0
-    linear = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-    return float(linear @ [0.2126, 0.7152, 0.0722])
-
-
-def contrast(first, second) -> float:
-    """W3C's contrast ratio of two sRGB colours."""
-    low, high = sorted([luminance(first), luminance(second)])
-    return (high + 0.05) / (low + 0.05)
-
-
-def channels(text: str) -> np.ndarray:
-    numbers = [float(part) for part in text[text.index('(') + 1 : -1].split(',')]
-    return np.array([*numbers, 1.0][:4])
-
-
-def worst_contrast(texts: list[dict], ground: str) -> list[tuple[float, str]]:
-    """Ratio and text of every text on the page, the lowest first."""
-    found = []
-    for text in texts:
-        behind = np.array(rgb(ground), dtype=float)
-        for layer in reversed(text['behind']):
-            colour = channels(layer)
-            behind = (1 - colour[3]) * behind + colour[3] * colour[:3]
-        colour = channels(text['colour'])
-        share = colour[3] * text['opacity']
-        shown = (1 - share) * behind + share * colour[:3]
-        found.append((contrast(shown, behind), text['text']))
-    return sorted(found)
 
 
 @pytest.mark.parametrize('palette', [LIGHT, DARK])
@@ -110,7 +48,7 @@ def test_the_page_passes_contrast_names_and_console_in_both_themes(
 ) -> None:
     tab = shown(1440, 900, color_scheme=scheme)
     palette = DARK if scheme == 'dark' else LIGHT
-    low = [one for one in worst_contrast(tab.evaluate(TEXTS), palette.panel) if one[0] < 4.5]
+    low = [one for one in worst_contrast(tab.evaluate(TEXTS), rgb(palette.panel)) if one[0] < 4.5]
     assert low == []
     small = [one for one in tab.evaluate(TEXTS) if one['size'] < 11]
     assert [(one['text'], one['size']) for one in small] == []
@@ -153,6 +91,12 @@ def test_the_object_is_whole_and_nothing_runs_off_the_side(shown, width, height,
     free = 0.54 * height if width < 600 else height
     assert rows[0] > 46 and rows[-1] < free and columns[0] > 2 and columns[-1] < width - 2
     assert np.ptp(columns) > 0.18 * width
+    # The scale bar measures the ball; its outline lies a little before its middle.
+    bar = tab.locator('#grasp-scale i')
+    a_pixel = (
+        float(tab.locator('#grasp-scale').inner_text().split()[0]) / bar.bounding_box()['width']
+    )
+    assert 0.95 < np.ptp(columns) * a_pixel / (2e3 * RADIUS) < 1.15
 
 
 @pytest.mark.chromium

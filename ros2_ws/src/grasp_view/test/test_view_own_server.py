@@ -96,12 +96,12 @@ def test_a_page_for_the_whole_network_is_reached_by_address_and_by_name(monkeypa
 def test_an_address_of_another_machine_is_one_error_at_once():
     for host in ('10.99.99.99', '999.1.1.1', 'no such name', 'a' * 300):
         with pytest.raises(OSError):
-            OwnServer(host, PORT, FrontPage(dict))
+            OwnServer(host, PORT, FrontPage(lambda tab: {}))
 
 
 @pytest.fixture
 def served():
-    server = OwnServer('127.0.0.1', PORT, FrontPage(lambda: {'header': 'ours'}))
+    server = OwnServer('127.0.0.1', PORT, FrontPage(lambda tab: {'header': f'ours{tab}'}))
     yield server
     server.stop()
 
@@ -155,6 +155,7 @@ def test_the_page_has_our_title_icon_and_style_however_it_is_packed(served, enco
 
 def test_overlays_are_for_the_page_alone(served):
     assert read(served.get_port(), '/overlay') == '{"header": "ours"}'
+    assert read(served.get_port(), '/overlay?tab=5') == '{"header": "ours5"}'
     for headers in ({'Host': 'rebound.example:8971'}, {'Origin': 'https://evil.example'}):
         with pytest.raises(urllib.error.HTTPError, match='403'):
             read(served.get_port(), '/overlay', **headers)

@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from grasp_view.plot_panel import plottable
+from grasp_view.plot_panel import marked, plottable
+from grasp_view.scale_bar import round_length, scale_html
 from grasp_view.time_series import History, TimeSeries
 
 
@@ -83,3 +84,34 @@ def test_rows_with_gaps_and_columns_never_known_are_not_plotted() -> None:
 def test_nothing_known_plots_nothing(count: int) -> None:
     data, shown = plottable(np.arange(float(count)), [np.full(count, np.nan)], 1.0)
     assert shown == (False,) and all(len(column) == 0 for column in data)
+
+
+@pytest.mark.parametrize(('at', 'stands'), [(-0.5, -0.5), (-9.0, -2.0), (9.0, 0.0), (-1.0, -1.0)])
+def test_a_line_marks_the_time_of_the_picture_and_leaves_the_others(
+    at: float, stands: float
+) -> None:
+    time, values = np.array([-2.0, -1.0, 0.0]), np.array([0.0, 10.0, 30.0])
+    new_time, new_values, line = marked((time, values), at)
+    assert new_time[line == 1.0].tolist() == [stands] and (np.diff(new_time) >= 0.0).all()
+    assert np.interp(new_time, time, values) == pytest.approx(new_values)
+
+
+def test_the_time_of_a_picture_is_that_of_its_stamp() -> None:
+    series = TimeSeries(['stamp'], span=9.0)
+    assert np.isnan(series.when('stamp', 1.0))
+    # A recording played at twice its speed, which then loops.
+    for time, stamp in ((0.0, np.nan), (1.0, 100.0), (2.0, 102.0), (3.0, 100.0)):
+        series.add(time, {'stamp': stamp})
+    assert [series.when('stamp', stamp) for stamp in (101.5, 100.0)] == [2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ('most', 'length'), [(0.024, 0.02), (20.0, 20.0), (1.99, 1.0), (7.0, 5.0), (100.0, 100.0)]
+)
+def test_a_scale_bar_is_a_round_length(most: float, length: float) -> None:
+    assert round_length(most) == pytest.approx(length)
+
+
+@pytest.mark.parametrize('pixel', [0.0, float('nan'), float('inf')])
+def test_without_a_camera_there_is_no_scale_bar(pixel: float) -> None:
+    assert scale_html(pixel) == ''

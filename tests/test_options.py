@@ -8,6 +8,7 @@ import re
 import resource
 import subprocess
 from collections import defaultdict
+from pathlib import Path
 
 import pytest
 from docs.option_tables import PAGE, PARSERS, Described, everything, page
@@ -15,7 +16,9 @@ from tests.executables import EXECUTABLES, executable
 
 from grasp_common.command_line import parse
 from grasp_common.options import SHARED, UNITS_OF_VALUES
+from shell_deform.commands.object_prepare_options import RENAMED
 
+ROOT = Path(__file__).resolve().parent.parent
 OPTIONS = everything()
 NODES = ('hand_bridge', 'deformation', 'scan_compare', 'grasp_view')
 COMMANDS = [name for names in EXECUTABLES.values() for name in names]
@@ -124,3 +127,18 @@ def test_a_usage_text_takes_a_third_of_a_second_of_a_processor(name: str) -> Non
         if taken[-1] <= 0.3:
             return
     pytest.fail(f'{name} --help takes {min(taken):.2f} s')
+
+
+def test_whatever_names_an_option_names_one_of_today() -> None:
+    """Sentences of errors and hints too; ROS's own and those of rosbags-convert are named."""
+    known = {spelling for ones in OPTIONS.values() for one in ones for spelling in one.names}
+    known |= {'--help', '--version', '--ros-args', '--src', '--dst', *RENAMED}
+    unknown = set()
+    for source in (ROOT / 'ros2_ws' / 'src').glob('*/*/**/*.py'):
+        if 'test' in source.parts:
+            continue
+        named = re.findall(r'(?<![\w-])--[a-z][a-z0-9]*(?:-[a-z0-9]+)*', source.read_text())
+        unknown |= {(source.name, name) for name in named if name not in known}
+        if source.name != 'object_prepare_options.py':
+            assert set(RENAMED).isdisjoint(named), source
+    assert unknown == set()

@@ -56,6 +56,7 @@ SHARED = {
     '--thickness': Option('wall thickness [m]', 'M', ('--thickness-m',)),
     '--gas': Option('what fills the object'),
     '--force': Option('push of each contact [N]', 'N'),
+    '--contact': Option('a pin on the outer face [m]', 'X,Y,Z[,RADIUS]'),
     '--pin-radius': Option('radius of the contacts [m]', 'M'),
     '--unit': Option('unit of the scan', fixed=_UNIT),
     '--scan-unit': Option('unit of the scans', fixed=_UNIT),

@@ -47,6 +47,11 @@ def significant(value: float, digits: int, beside: float) -> str:
     return f'{value:.{digits}g}' if abs(value) > 1e-9 * abs(beside) else '0'
 
 
+def counted(number: int, noun: str) -> str:
+    """`1 rim`, `2 rims`."""
+    return f'{number} {noun}' if number == 1 else f'{number} {noun}s'
+
+
 def complain(program: str, error: object) -> None:
     """One sentence on stderr, as every program here ends that cannot do its job."""
     print(f'{program}: {printable(str(error), 4000)}', file=sys.stderr, flush=True)

@@ -153,7 +153,10 @@ def object_contacts(
     size, or a rigid body that starts inside it.
     """
     if not (shell_object.contacts or shell_object.grips):
-        raise ObjectError(f'{shell_object.name}: no contacts; add contacts: [{{at_m: …}}]')
+        raise ObjectError(
+            f'{shell_object.name}: no contacts; add contacts: [{{at_m: [x, y, z]}}] to its file, '
+            'or give shell_solve --contact X,Y,Z'
+        )
     contacts = _sized(shell_object).contacts
     found = []
     for number, contact in enumerate(contacts):

@@ -15,7 +15,7 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -78,7 +78,7 @@ class Stresses:
         return np.maximum(von_mises(self.outer), von_mises(self.inner))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Squeezed:
     """A shell in equilibrium under its k contacts.
 
@@ -178,6 +178,9 @@ class Squeezed:
         force, moved = np.mean(self.contact_force), np.max(self.contact_displacement, initial=0.0)
         return f'{self.shell.name}: {force:.3g} N per contact, {1e3 * moved:.3g} mm'
 
+    def __repr__(self) -> str:
+        return f'<Squeezed {self}>'
+
     def _repr_html_(self) -> str:
         """The picture with its numbers, for a notebook."""
         picture = io.BytesIO()
@@ -213,7 +216,7 @@ class Sweep(Sequence[Squeezed]):
         return iter(self.states)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Shell:
     """A shell with its contacts, ready to be squeezed.
 
@@ -225,7 +228,10 @@ class Shell:
     description: ShellObject
     model: ShellModel
     contacts: tuple[ContactPatch, ...]
-    _solver: EquilibriumSolver = field(repr=False)
+    _solver: EquilibriumSolver
+
+    def __repr__(self) -> str:
+        return f'<Shell {self}>'
 
     @property
     def solved_model(self) -> ShellModel:

@@ -121,3 +121,10 @@ def test_a_notebook_shows_the_picture_and_the_warnings(squeezed):
 def test_an_unknown_object_is_refused_in_one_sentence():
     with pytest.raises(shell_deform.ObjectError, match='tenis_ball'):
         shell_deform.load('tenis_ball')
+
+
+def test_what_a_notebook_echoes_is_a_line_and_no_arrays(ball, squeezed):
+    assert repr(ball).startswith('<Shell tennis_ball: koiter theory')
+    assert repr(squeezed).startswith('<Squeezed tennis_ball: ')
+    assert repr(squeezed.state).startswith('<Equilibrium carried: force [')
+    assert max(len(repr(one)) for one in (ball, squeezed, squeezed.state)) < 300

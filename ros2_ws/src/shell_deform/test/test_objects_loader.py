@@ -190,3 +190,16 @@ def test_a_relaxation_is_read_in_both_of_its_forms(tmp_path):
 def test_a_relaxation_that_cannot_be_is_refused_with_its_line(tmp_path, old, new, message):
     with pytest.raises(ObjectError, match=message):
         load(tmp_path, RELAXING.replace(old, new))
+
+
+def test_a_folder_with_one_object_file_is_taken_for_it(tmp_path):
+    with pytest.raises(ObjectError, match='holds no .yaml file: name the object file'):
+        load_object(tmp_path)
+    load(tmp_path, GOOD)
+    assert load_object(tmp_path).name == load_object(tmp_path / 'jar.yaml').name
+    (tmp_path / 'other.yaml').write_text('')
+    with pytest.raises(ObjectError, match=r'holds jar\.yaml, other\.yaml: name the object file'):
+        load_object(tmp_path)
+    # A recording has more files than its object.
+    (tmp_path / 'object.yaml').write_text(GOOD)
+    assert load_object(str(tmp_path)).name == load_object(tmp_path / 'jar.yaml').name

@@ -131,3 +131,26 @@ def test_a_hold_of_an_elastic_object_or_a_linear_theory_is_refused(tmp_path, cap
     path.write_text(shipped_text('tennis_ball_as_printed') + law + '\n')
     assert shell_solve.main(['--object', str(path), '--theory', 'linear', *arguments]) == 1
     assert 'linear theory takes no holds' in capsys.readouterr().err
+
+
+def test_contacts_of_the_command_line_take_the_place_of_those_of_the_file(capsys):
+    """A ball answers alike wherever it is pressed; pins wider than its own give less."""
+    forces = []
+    for contacts in (
+        (),
+        ('--contact', '0,0,0.0325', '--contact', '0,0,-0.0325'),
+        ('--contact', '-0.0325,0,0,0.003', '--contact', '0.0325,0,0,0.003'),
+    ):
+        words = ['--object', 'tennis_ball', '--vertices', '300', *contacts, '--json']
+        assert shell_solve.main([*words, '--displacement-sweep', '0:5e-4:1']) == 0
+        forces.append(json.loads(capsys.readouterr().out)['points'][-1]['force_n'])
+    assert forces[1] == pytest.approx(forces[0], rel=0.01)
+    assert forces[2] > 1.05 * forces[0]
+
+
+def test_an_object_without_contacts_names_both_ways_to_give_them(tmp_path, capsys):
+    text = shipped_text('tennis_ball')
+    (tmp_path / 'ball.yaml').write_text(text[: text.index('contacts:')])
+    assert shell_solve.main(['--object', str(tmp_path), '--force', '1']) == 1
+    said = capsys.readouterr().err
+    assert 'add contacts: [{at_m: [x, y, z]}]' in said and '--contact X,Y,Z' in said

@@ -66,3 +66,16 @@ def direction(text: str) -> tuple[float, float, float]:
         raise argparse.ArgumentTypeError(f'{text!r} is no direction X,Y,Z')
     length = math.hypot(*values)
     return values[0] / length, values[1] / length, values[2] / length
+
+
+def contact(text: str) -> tuple[float, float, float, float]:
+    """Place and radius of a pin, from X,Y,Z or X,Y,Z,RADIUS."""
+    try:
+        parts = [float(part) for part in text.split(',')]
+    except ValueError:
+        parts = []
+    if len(parts) == 3:
+        parts.append(DEFAULT_CONTACT_RADIUS_M)
+    if len(parts) != 4 or not all(map(math.isfinite, parts)) or parts[3] <= 0.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is not X,Y,Z,RADIUS with a radius above zero')
+    return parts[0], parts[1], parts[2], parts[3]

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from grasp_common.command_line import parse
 from grasp_common.options import METRES_PER_UNIT
-from grasp_common.terminal import say
+from grasp_common.terminal import counted, say
 from shell_deform.commands.console import CommandError, print_json, run
 from shell_deform.commands.object_prepare_options import RENAMED, build_parser
 from shell_deform.objects import load_object
@@ -37,6 +37,8 @@ from shell_deform.surface.scan_fit import ScanFit
 
 FloatArray = npt.NDArray[np.float64]
 
+UNSEEN = (0.8, 0.8, 0.8, 1.0)
+"""Colour of triangles where the scan has no point."""
 HAND_SIZE_M = (0.02, 0.5)
 """Largest sides of objects that a hand holds [m]; their ratio is below 25.4."""
 
@@ -48,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.gauge_pressure is not None and options.gas != 'sealed':
         parser.error('--gauge-pressure needs --gas sealed')
     if options.error is not None and options.vertices is not None:
-        parser.error('give --vertices or --error-m, not both')
+        parser.error('give --vertices or --error, not both')
     return run('object_prepare', lambda: _prepare(options))
 
 
@@ -87,8 +89,9 @@ def _prepare(options: argparse.Namespace) -> None:
     say(
         f'{name}: {report["vertices"]} control vertices; scan to surface {1e3 * fit["rms_m"]:.3g} '
         f'mm rms, {_systematic(prepared.fit)}; '
-        f'{report["scan"]["pieces"]} pieces found, {report["scan"]["holes_closed"]} holes closed, '
-        f'{report["open_rims"]} rims open'
+        f'{counted(report["scan"]["pieces"], "piece")} found, '
+        f'{counted(report["scan"]["holes_closed"], "hole")} closed, '
+        f'{counted(report["open_rims"], "rim")} open'
     )
     for warning in report['warnings']:
         say(f'warning: {warning}')
@@ -227,8 +230,8 @@ def _what_is_missing(prepared: PreparedScan, report: dict[str, Any]) -> list[str
         share = capped_share(prepared.scan)
         report['missing_lid_share'] = share
         found.append(
-            f'the shape is open: {report["open_rims"]} rims, whose flat lids would be '
-            f'{100.0 * share:.0f} % of it; scan the rest, or raise --close-holes-m'
+            f'the shape is open: {counted(report["open_rims"], "rim")}, whose flat lids would be '
+            f'{100.0 * share:.0f} % of it; scan the rest, or raise --close-holes'
         )
     primitive = fitting_primitive(prepared.scan)
     if primitive is not None:
@@ -277,12 +280,15 @@ def _draw(path: Path, prepared: PreparedScan) -> None:
     colours = plt.get_cmap('coolwarm')
     figure = plt.figure(figsize=(11.0, 4.5), dpi=140)
     space = figure.add_subplot(1, 2, 1, projection='3d')
-    space.add_collection3d(
-        Poly3DCollection(corners[mesh.triangles[seen]], facecolors=colours(scale(mean)))
-    )
+    painted = np.tile(UNSEEN, (mesh.triangle_count, 1))
+    painted[seen] = colours(scale(mean))
+    space.add_collection3d(Poly3DCollection(corners[mesh.triangles], facecolors=painted))
     low, high = corners.min(axis=0), corners.max(axis=0)
     space.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     space.set_box_aspect(high - low)
+    for axis, share in zip('xyz', (high - low) / (high - low).max(), strict=True):
+        # As many numbers as have room along a side of that length.
+        space.locator_params(axis=axis, nbins=max(2, round(5 * share)))
     space.set(xlabel='x (mm)', ylabel='y (mm)', zlabel='z (mm)')
     figure.colorbar(
         plt.cm.ScalarMappable(scale, colours),

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 
 from grasp_common.command_line import usage_of
@@ -12,6 +11,7 @@ from grasp_common.options import add
 from shell_deform.commands.arguments import (
     DEFAULT_CONTACT_RADIUS_M,
     above_zero,
+    contact,
     count,
     finite,
     not_negative,
@@ -68,14 +68,14 @@ def build_parser() -> argparse.ArgumentParser:
         help='close holes with a rim up to this length [m] (default: half the size of the '
         'object); longer rims stay open',
     )
-    parser.add_argument(
+    add(
+        parser,
         '--contact',
-        type=_contact,
+        ', in the frame of the scan; triangles are small there. Its radius is '
+        f'{1e3 * DEFAULT_CONTACT_RADIUS_M:g} mm unless stated. May be repeated',
+        type=contact,
         action='append',
         default=[],
-        metavar='X,Y,Z[,RADIUS]',
-        help='a pin on the outer face [m], in the frame of the scan; triangles are small there. '
-        f'Its radius is {1e3 * DEFAULT_CONTACT_RADIUS_M:g} mm unless stated. May be repeated',
     )
     add(parser, '--gas', ' (default: none)', choices=('none', 'open', 'sealed'))
     parser.add_argument(
@@ -91,18 +91,6 @@ def build_parser() -> argparse.ArgumentParser:
     )
     add(parser, '--json')
     return parser
-
-
-def _contact(text: str) -> tuple[float, float, float, float]:
-    try:
-        parts = [float(part) for part in text.split(',')]
-    except ValueError:
-        parts = []
-    if len(parts) == 3:
-        parts.append(DEFAULT_CONTACT_RADIUS_M)
-    if len(parts) != 4 or not all(map(math.isfinite, parts)) or parts[3] <= 0.0:
-        raise argparse.ArgumentTypeError(f'{text!r} is not X,Y,Z,RADIUS with a radius above zero')
-    return parts[0], parts[1], parts[2], parts[3]
 
 
 def usage() -> str:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from shell_deform.commands.shell_solve_hold import Held, hold, print_hold, relax
 from shell_deform.commands.shell_solve_options import build_parser
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
-from shell_deform.objects import ShellObject, load_object
+from shell_deform.objects import Contact, ShellObject, load_object
 from shell_deform.picture import surface_figure
 from shell_deform.readout import read_out
 from shell_deform.solve.equilibrium import Equilibrium, displaced, forced
@@ -60,6 +60,9 @@ def _solve(options: argparse.Namespace) -> None:
         options.gas,
         options.pressure,
     )
+    if options.contact:
+        pins = tuple(Contact((x, y, z), radius, 'pin') for x, y, z, radius in options.contact)
+        shell_object = replace(shell_object, contacts=pins)
     model = build_model(
         shell_object, options.theory, options.vertices, refine_radius=options.pin_radius
     )

@@ -10,7 +10,14 @@ import numpy as np
 
 from grasp_common.command_line import usage_of
 from grasp_common.options import add
-from shell_deform.commands.arguments import above_zero, direction, finite, poisson
+from shell_deform.commands.arguments import (
+    DEFAULT_CONTACT_RADIUS_M,
+    above_zero,
+    contact,
+    direction,
+    finite,
+    poisson,
+)
 from shell_deform.theory import AUTO, DEFAULT_THEORY, THEORY_NAMES
 
 
@@ -74,6 +81,15 @@ def build_parser() -> argparse.ArgumentParser:
         '--hold', type=above_zero, metavar='S',
         help='keep the last displacement, force or pose so long [s] while the wall relaxes',
     )  # fmt: skip
+    add(
+        parser,
+        '--contact',
+        ', instead of the contacts of the object. Its radius is '
+        f'{1e3 * DEFAULT_CONTACT_RADIUS_M:g} mm unless stated. May be repeated',
+        type=contact,
+        action='append',
+        default=[],
+    )
     add(parser, '--pin-radius', type=above_zero)
     add(parser, '--young', type=above_zero)
     add(parser, '--poisson', type=poisson)

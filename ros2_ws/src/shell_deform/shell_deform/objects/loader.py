@@ -55,21 +55,33 @@ def object_names() -> list[str]:
 
 
 def load_object(name_or_path: str | Path) -> ShellObject:
-    """Read a shipped object by name, or an object file by path.
+    """Read a shipped object by name, or an object file by its path or that of its folder.
 
     Raises:
-        ObjectError: no such object, or a file with unknown keys, missing units or impossible
-            values; the message names file and line.
+        ObjectError: no such object, a folder with several files, or a file with unknown keys,
+            missing units or impossible values; the message names file and line.
     """
     path = Path(name_or_path)
     if str(name_or_path) in object_names():
         path = _shipped() / f'{name_or_path}.yaml'
+    elif path.is_dir():
+        path = _in_folder(path)
     elif not path.is_file():
         raise ObjectError(
             f'no object file {str(name_or_path)!r}; the shipped objects are '
             f'{", ".join(object_names())}'
         )
     return _read(read_document(path), path.resolve().parent)
+
+
+def _in_folder(folder: Path) -> Path:
+    """The object file of a folder as object_prepare, or a recording, leaves one."""
+    files = [folder / 'object.yaml'] if (folder / 'object.yaml').is_file() else []
+    files = files or sorted(folder.glob('*.yaml'))
+    if len(files) != 1:
+        found = ', '.join(file.name for file in files) or 'no .yaml file'
+        raise ObjectError(f'folder {str(folder)!r} holds {found}: name the object file')
+    return files[0]
 
 
 def shipped_text(name: str) -> str:

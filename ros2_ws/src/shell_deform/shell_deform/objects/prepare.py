@@ -30,6 +30,10 @@ SMOOTHINGS = 10
 HOLE_SHARE = 0.5
 """A rim shorter than that share of the object's size counts as a hole of the scan."""
 
+SPACING, LARGE_SHARE, MOST_TRIANGLES = 1.0, 0.05, 100_000
+"""Where more than that share of a scan lies in triangles with edges above the first, in edges of
+the control mesh, all are divided, up to so many."""
+
 VERTEX_STEPS = (160, 320, 640, 1280, 2560, 5120, 10_240)
 """Numbers of control vertices that are tried to reach a wanted error."""
 
@@ -106,7 +110,7 @@ def prepare(
         ObjectError: the scan cannot carry a surface, the wall is too thick for one, or the
             wanted error is not reached.
     """
-    first = clean_scan(vertices, triangles, split_fans=False)
+    first = _dense(clean_scan(vertices, triangles, split_fans=False), control_vertices)
     report = dict(first.report)
     coarse = decimated(
         smoothed(first.vertices, first.triangles, SMOOTHINGS), first.triangles, DETAIL
@@ -143,6 +147,26 @@ def prepare(
     slenderness = _slenderness(result.mesh, wall)
     _refuse_folds(slenderness, wall)
     return PreparedScan(result, first.vertices, scan, report, slenderness)
+
+
+def _dense(scan: CleanScan, count: int) -> CleanScan:
+    """A scan whose triangles are smaller than those of `count` control vertices will be.
+
+    A drawn or decimated mesh has vertices at its edges only: nothing would hold the fit between.
+    """
+    import trimesh
+
+    vertices, triangles = scan.vertices, scan.triangles
+    area = trimesh.triangles.area(vertices[triangles])
+    longest = SPACING * float(np.sqrt(area.sum() / count))
+    while len(triangles) < MOST_TRIANGLES:
+        corners = vertices[triangles]
+        edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        area = trimesh.triangles.area(corners)
+        if float(area[edges.max(axis=1) > longest].sum()) < LARGE_SHARE * float(area.sum()):
+            break
+        vertices, triangles = trimesh.remesh.subdivide(vertices, triangles)
+    return CleanScan(vertices, triangles, scan.report)
 
 
 def _refuse_folds(share: float, wall: FloatArray) -> None:

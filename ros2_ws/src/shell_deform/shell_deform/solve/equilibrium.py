@@ -146,7 +146,7 @@ class PathState:
     positions: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Equilibrium:
     """An equilibrium, or, where `converged` is false, the last good state on the way to it.
 
@@ -206,6 +206,13 @@ class Equilibrium:
     history: tuple[PathState, ...] = field(default=(), repr=False)
     wall: Array = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
     shell: Discretisation | None = field(default=None, repr=False, compare=False)
+
+    def __repr__(self) -> str:
+        end = self.end.value if self.converged else self.message
+        return (
+            f'<Equilibrium {end}: force {self.force} N, displacement {self.displacement} m, '
+            f'energy {self.energy:.6g} J>'
+        )
 
     @property
     def unknowns(self) -> Array:

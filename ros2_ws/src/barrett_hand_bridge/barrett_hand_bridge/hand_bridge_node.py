@@ -279,6 +279,9 @@ class HandBridge(LifecycleNode):
     def _report(self, kind: str, future: Future[Outcome]) -> None:
         outcome = future.result()
         self._starting = False
+        if not self.context.ok():
+            # The node is ending, and with it what it could have told.
+            return
         # One call, one severity: rclpy refuses a call site that changes it.
         if outcome.success:
             self.get_logger().info(f'{kind}: {outcome.message}')

@@ -51,7 +51,12 @@ def declare(node: Node, parameters: Iterable[Parameter]) -> None:
     table = tuple(parameters)
     for parameter in table:
         node.declare_parameter(parameter.name, parameter.default, descriptor(parameter))
-    known = [*(parameter.name for parameter in table), *OF_EVERY_NODE]
+    warn_of_unknown(node, [parameter.name for parameter in table])
+
+
+def warn_of_unknown(node: Node, names: Iterable[str]) -> None:
+    """Name what was given to the node as a parameter and is none of `names`."""
+    known = [*names, *OF_EVERY_NODE]
     for name in node._parameter_overrides:
         if name not in known and not name.startswith('qos_overrides.'):
             node.get_logger().warning(unknown(name, known))

@@ -17,7 +17,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import Trigger
 
-from grasp_common.main_node import status_name
+from grasp_common.main_node import status_name, warn_of_unknown
 from grasp_common.messages import diagnostics
 from grasp_replay.bag import Bag
 from grasp_replay.errors import BagError
@@ -101,6 +101,7 @@ class ReplayPanel:
                 value,
                 ParameterDescriptor(description=description, floating_point_range=span),
             )
+        warn_of_unknown(self._node, ('rate', 'position_s'))
 
     def _set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         with self.changed:

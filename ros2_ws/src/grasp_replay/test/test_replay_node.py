@@ -53,6 +53,16 @@ def test_the_sent_bytes_are_the_stored_bytes(
         assert [bytes(data) for data in received] == [message.data for message in bag.messages()]
 
 
+def test_an_unknown_parameter_is_named_with_the_nearest(
+    start: Any, observer: Observer, tmp_path: Path
+) -> None:
+    bag = write_wrenches(tmp_path / 'bag', 5)
+    replay = start('replay', bag, '--ros-args', '-p', 'rat:=2.0', '-p', 'use_sim_time:=false')
+    observer.spin_until(lambda: replay.process.poll() is not None)
+    assert "there is no parameter 'rat'; did you mean rate?" in replay.text
+    assert 'use_sim_time' not in replay.text
+
+
 def test_clock_and_remap(start: Any, observer: Observer, tmp_path: Path) -> None:
     bag = write_wrenches(tmp_path / 'bag', 50)
     messages = observer.collect(WrenchStamped, '/left/w')

@@ -26,6 +26,7 @@ from grasp_replay.report import (
 )
 from grasp_replay.report.errors import error_scales, nice_ceiling, scan_displacement, vertex_errors
 from grasp_replay.report.section import cut, dent_section
+from grasp_replay.report.write import _modulus
 from grasp_replay.results import published_lines
 
 RADIUS = 0.0325
@@ -180,6 +181,15 @@ def test_the_models_stand_first_each_with_its_modulus(page: Path) -> None:
     assert sum('E 13.47 MPa' in head for head in heads) == 2
 
 
+def test_theory_thick_is_named_with_the_modulus_of_its_own(results: dict) -> None:
+    assert _modulus(results) == 'E 13.47 MPa'
+    solid = {**results, 'solid_young_modulus_pa': 14.15e6}
+    assert _modulus(solid) == 'E 13.47 MPa'
+    told = {'mean_error_m': 1e-4}
+    rows = [{'theories': {**row['theories'], 'thick': told}} for row in results['rows']]
+    assert _modulus({**solid, 'rows': rows}) == 'E 13.47 MPa (thick: 14.15 MPa)'
+
+
 def test_the_paper_is_cited_and_tables_and_figures_are_numbered(page: Path) -> None:
     text = page.read_text()
     assert 'A. Author (2009) <a href="#reference">[1]</a>' in text
@@ -274,7 +284,7 @@ def test_a_theory_that_was_left_out_is_left_out_of_the_errors(
         {**row, 'theories': {**row['theories'], 'thick': {'mean_error_m': None}}}
         for row in results['rows']
     ]
-    path = write_report({**results, 'rows': rows}, [], tmp_path, {'object': 'ball'})
+    path = write_report(Report({**results, 'rows': rows}, [], {'object': 'ball'}), tmp_path)
     assert 'koiter mean error' in path.read_text()
 
 

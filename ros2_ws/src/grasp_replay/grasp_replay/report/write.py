@@ -138,8 +138,16 @@ def _beside(value: float, measured: float) -> str:
 
 
 def _modulus(results: Mapping[str, Any]) -> str:
+    """The modulus of the columns; theory thick, where it is one of them, has its own."""
     value = results.get('young_modulus_pa')
-    return '' if value is None else f'E {value / 1e6:.2f} MPa'
+    if value is None:
+        return ''
+    of_solid = results.get('solid_young_modulus_pa', value)
+    thick = any(
+        row['theories'].get('thick', {}).get('mean_error_m') is not None for row in results['rows']
+    )
+    more = f' (thick: {of_solid / 1e6:.2f} MPa)' if thick and of_solid != value else ''
+    return f'E {value / 1e6:.2f} MPa{more}'
 
 
 def _error_plot(

@@ -252,8 +252,15 @@ def run(suite: Suite, seconds: float) -> list[tuple[str, str, str, bool]]:
     after = suite.accounted()
     suite.published = after[0] - published
     unaccounted = suite.published - (after[1] - taken)
-    warm = memory[len(memory) // 3]
-    growth = {name: memory[-1][name] - warm[name] for name in warm}
+    # Medians of the last two thirds: a comparison that is being computed is no growth.
+    third = max(len(memory) // 3, 1)
+    growth = {
+        name: float(
+            np.median([one[name] for one in memory[-third:]])
+            - np.median([one[name] for one in memory[third : 2 * third] or memory])
+        )
+        for name in memory[-1]
+    }
     most = max(growth, key=lambda name: growth[name])
     refresh = float(np.median(suite.refresh)) if suite.refresh else 0.0
     return [

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever is killed, and whenever: nothing is left running, and no folder behind."""
+"""Whatever is killed, and whenever: nothing is left running, and no folder behind.
+
+`make soak` (`kills`) takes 200 moments of each kind; KILLS=N: so many of each node, with -s for the
+times.
+"""
 
 import contextlib
 import os
@@ -21,7 +25,7 @@ from grasp_common.messages import cloud
 
 SOAK = bool(os.environ.get('SOAK'))
 MOMENTS = 25 if SOAK else 1
-CHILD_MOMENTS = 50 if SOAK else 2
+CHILD_MOMENTS = int(os.environ.get('KILLS', 50 if SOAK else 2))
 CONTACT = np.dtype(
     [(name, '<f4') for name in ('x', 'y', 'z', 'nx', 'ny', 'nz', 'fx', 'fy', 'fz')]
     + [(name, '<f4') for name in ('sigma_n', 'radius', 'sigma_t')]

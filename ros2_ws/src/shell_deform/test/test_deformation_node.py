@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import time
+from importlib import resources
 from pathlib import Path
 
 import live_hand
@@ -550,6 +551,19 @@ def test_the_mesh_follows_fingers_that_rest_where_it_is_coarse(node, hand, tmp_p
     # the vertices of the mesh before do not lie under the pins; beyond that nothing jumps
     assert np.abs(np.diff(depths[len(depths) // 2 :])).max() < 8e-4
     assert hand.diagnostics and running.stop() == 0
+
+
+def test_an_object_file_that_is_gone_for_a_while_is_told_for_that_while(hand, tmp_path):
+    file, away = tmp_path / 'ball.yaml', tmp_path / 'away'
+    text = (resources.files('shell_deform.objects') / 'tennis_ball.yaml').read_text()
+    file.write_text(text.replace('control_vertices: 640', 'control_vertices: 200'))
+    running = serving(hand, tmp_path / 'log', f'object:={file}')
+    file.rename(away)
+    os.kill(worker_of(running.process.pid), signal.SIGKILL)
+    wait(hand, lambda: 'no object file' in hand.summary)
+    away.rename(file)
+    wait(hand, lambda: hand.summary and 'no object file' not in hand.summary)
+    assert running.stop() == 0
 
 
 def test_a_wrong_parameter_ends_the_start_with_one_sentence(hand, tmp_path):

@@ -432,6 +432,7 @@ class DeformationNode(Node):
                 self.get_logger().error(self.failure)
             return
         if ready:
+            self.failure = ''
             self._take_over()
         self._path.feed(self.link.worker)
         rest = self.link.worker.handed_over()

@@ -58,6 +58,17 @@ def test_a_small_step_costs_no_new_tangent(tracker):
     assert tracker.factorisations == before
 
 
+def test_a_step_of_a_wall_goes_on_the_last_tangent_to_the_same_state(model, patches, tracker):
+    tracker.advance(driven_to(tracker, [3e-3, 3e-3]))
+    tracker.condense()
+    before = tracker.factorisations
+    assert tracker.advance(driven_to(tracker, [5.5e-3, 5.5e-3])) == 1.0
+    assert tracker.factorisations == before
+    expected = EquilibriumSolver(model).solve(displaced(patches, [5.5e-3, 5.5e-3]))
+    assert tracker.state.force == pytest.approx(expected.force, rel=1e-4)
+    assert np.abs(tracker.positions - expected.positions).max() < 1e-7
+
+
 def test_a_jump_of_four_walls_is_carried(tracker):
     assert tracker.advance(driven_to(tracker, [10e-3, 10e-3])) == 1.0
     assert tracker.present(np.ones(2, bool)).displacement == pytest.approx([10e-3, 10e-3])

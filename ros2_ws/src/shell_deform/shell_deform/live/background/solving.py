@@ -41,8 +41,8 @@ Array = NDArray[np.float64]
 LIVE = TrackingOptions(step=4e-3)
 """What the last chord step leaves, a tenth or so of it, the columns take away by a Newton step."""
 
-GOOD_CONTRACTION = 0.1
-"""Columns serve on where the chord iterations on their tangent still contract so well."""
+FEW_ITERATIONS = 4
+"""Columns serve on where their tangent led to the next state in so many iterations."""
 
 FARTHEST_STEP = 0.25
 """In real time a thick wall goes to a load case further than this many wall thicknesses in parts,
@@ -234,7 +234,7 @@ class LiveSolver:
     @property
     def columns_serve(self) -> bool:
         """Whether the next state is worth more than columns of the present one."""
-        good = self.tracker.contraction < GOOD_CONTRACTION and not self.tracker.message
+        good = self.tracker.tried <= FEW_ITERATIONS and not self.tracker.message
         return self._condensed is not None and good and self._states < MOST_STATES
 
     def refine(self) -> bool:

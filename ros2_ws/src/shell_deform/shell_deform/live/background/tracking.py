@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Following an equilibrium while its load case changes a little at a time.
 
-The factorised tangent of the last state serves the chord iterations to the next one, and the
-tangent that the condensed columns need there anyway becomes the factor of the step after: one
-factorisation per refresh. A step the chord does not carry is halved, with a new tangent each time
-a part of it is reached.
+The factorised tangent of the last state serves the accelerated chord iterations to the next one,
+and the tangent that the condensed columns need there anyway becomes the factor of the step after:
+one factorisation per refresh. A step the chord does not carry is halved, with a new tangent each
+time a part of it is reached.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from shell_deform.live.background.condensed import (
 )
 from shell_deform.live.background.tracked_state import State, Target
 from shell_deform.model import ShellModel, Tangent
+from shell_deform.solve.anderson import AndersonMixing
 from shell_deform.solve.equilibrium import PathState
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.solve.prediction import predicted
@@ -53,7 +54,8 @@ class TrackingOptions:
     Attributes:
         residual: relative residual force that ends the iterations.
         step: or a last correction below this share of the wall thickness.
-        iterations: per step. contraction: slower than this asks for a new tangent.
+        iterations: per step. contraction: iterations slower than this, so many in a row as
+            `patience` tells, ask for a new tangent; so does one that is `growth` times as long.
         tangents: at most so many new tangents per advance; tangents_per_step: per step.
         largest_move: correction in wall thicknesses beyond which a step is halved; longer ones
             may land on another branch of a shell that has several.
@@ -62,7 +64,9 @@ class TrackingOptions:
     residual: float = 1e-7
     step: float = 2e-5
     iterations: int = 25
-    contraction: float = 0.5
+    contraction: float = 0.7
+    patience: int = 3
+    growth: float = 4.0
     tangents: int = 24
     tangents_per_step: int = 3
     largest_move: float = 1.0
@@ -87,8 +91,8 @@ class EquilibriumTracker:
         self._system: CondensedSystem | None = None
         self.factorisations = 0
         self.iterations = 0
-        self.contraction = 0.0
-        """Length of the last chord iteration over that before it: how well the tangent serves."""
+        self.tried = 0
+        """Iterations of the last advance: how far the tangent had to be stretched."""
         self.message = ''
         self.beat: Callable[[], None] = lambda: None
         """Called in every iteration: whoever watches sees that this gets on."""
@@ -302,7 +306,7 @@ class EquilibriumTracker:
         """
         start = self.present(target.driven)
         loose = self._loose_force()
-        reached, step = 0.0, 1.0
+        reached, step, self.tried = 0.0, 1.0, 0
         self._budget = self.options.tangents
         self.message = ''
         together = self._carried_along(target) is not None
@@ -435,49 +439,58 @@ class EquilibriumTracker:
     def _iterate(self, target: Target, extra: Array) -> State | None:
         """The state under `target` and dead nodal forces `extra` (N,), or None.
 
-        Chord iterations on the tangent at hand; where they contract too slowly, a new tangent.
+        Accelerated chord iterations on the tangent at hand; where they contract too slowly, a new
+        tangent.
         """
-        options, rows, state = self.options, self._rows(), self._ahead(target, extra)
+        options, state = self.options, self._ahead(target, extra)
+        mixing = AndersonMixing(len(state.moved))
         reach = self._reach(target)
-        before, tangents = np.inf, options.tangents_per_step
-        self.contraction = 0.0
+        before, slow, tangents = np.inf, 0, options.tangents_per_step
         for _ in range(options.iterations):
             self.beat()
             step, multipliers, force = self._step(target, state, extra)
             self.iterations += 1
+            self.tried += 1
             largest = float(np.abs(step).max(initial=0.0))
             if not largest < options.largest_move * self._wall + reach:
                 self.message = f'an iteration moved the surface by {1e3 * largest:.1f} mm'
                 return None
-            slow = largest > options.contraction * before
-            self.contraction = largest / before
-            if slow and (largest > 2.0 * before or tangents == 0 or self._budget <= 0):
+            slow = slow + 1 if largest > options.contraction * before else 0
+            renew = slow == options.patience or largest > options.growth * before
+            if renew and (tangents == 0 or self._budget <= 0):
                 self.message = 'the iterations did not converge'
                 return None
-            moved = self._moved(state, step)
-            positions = self.model.start + moved.reshape(-1, 3)
-            energy, gradient, missing = self._balance(positions, target.grips)
-            held, carried = rows.constraints @ multipliers, rows.push @ force
-            scale = max(
-                float(np.linalg.norm(carried)), float(np.linalg.norm(held)), self._noise_force
-            )
-            state = State(
-                moved, force, multipliers, energy, gradient, missing, np.inf, target.grips
-            )
-            loose = self._closed(state) - carried - extra + held
-            residual = float(np.linalg.norm(loose)) / scale
-            if not np.isfinite(residual):
+            at = np.concatenate([state.moved, state.force, state.multipliers])
+            reached = np.concatenate([self._moved(state, step), force, multipliers])
+            onward = mixing.next(at, reached - at)
+            found = self._judged(target, onward, extra)
+            if found is None:
                 self.message = 'the surface folded onto itself'
                 return None
-            state = replace(state, residual=residual)
-            if residual < options.residual or largest < options.step * self._wall:
+            state = found
+            if state.residual < options.residual or largest < options.step * self._wall:
                 return state
             before, reach = largest, 0.0
-            if slow:
+            if renew:
                 tangents -= 1
                 self._budget -= 1
                 self._fresh, self._tangent = False, None
-                self._linearise(positions, target.grips)
-                before = np.inf
+                self._linearise(self.model.start + state.moved.reshape(-1, 3), target.grips)
+                mixing.forget()
+                before, slow = np.inf, 0
         self.message = 'the iterations did not converge'
         return None
+
+    def _judged(self, target: Target, onward: Array, extra: Array) -> State | None:
+        """The state with these displacements, pushes and multipliers; None where it is none."""
+        rows = self._rows()
+        split = len(onward) - rows.contacts - rows.constraints.shape[1]
+        moved, force, multipliers = np.split(onward, [split, split + rows.contacts])
+        positions = self.model.start + moved.reshape(-1, 3)
+        energy, gradient, missing = self._balance(positions, target.grips)
+        held, carried = rows.constraints @ multipliers, rows.push @ force
+        scale = max(float(np.linalg.norm(carried)), float(np.linalg.norm(held)), self._noise_force)
+        state = State(moved, force, multipliers, energy, gradient, missing, np.inf, target.grips)
+        loose = self._closed(state) - carried - extra + held
+        residual = float(np.linalg.norm(loose)) / scale
+        return replace(state, residual=residual) if np.isfinite(residual) else None

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whatever is killed, and whenever: nothing is left running, and no folder behind.
 
-`make soak` (`kills`) takes 200 moments of each kind; KILLS=N: so many of each node, with -s for the
-times.
+`make soak` (`kills`) takes 200 moments of each kind; KILLS=N: so many of each node, with -s for
+the times.
 """
 
 import contextlib

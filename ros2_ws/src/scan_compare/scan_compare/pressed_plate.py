@@ -1,62 +1,175 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The outer face of an elastic plate that a small flat pin presses: what lies under the pin.
+"""The outer face of an elastic shell that a flat rigid pin presses: what lies under the pin.
 
 Thin-shell theory alone misses how deep a pin sinks into a thick wall: next to it the wall shears,
-and under it the material itself is squeezed. Both follow from the exact solution for an elastic
-layer loaded on one face (Sneddon, Proc. Cambridge Phil. Soc. 42 (1946) 260). Apart from one
-factor, the pressing force over 8 pi D, it depends on the thickness h and the pin radius a alone;
-Poisson's ratio and Young's modulus drop out.
+and under it the material itself is squeezed. Both follow from the exact compliance of an elastic
+layer loaded on one face (Sneddon, Proc. Cambridge Phil. Soc. 42 (1946) 260). The pin is flat and
+rigid: the pressure under it is the one that keeps it so, found in Legendre functions of
+sqrt(1 - r^2 / a^2), whose Hankel transforms are spherical Bessel functions. Under a small pin it
+is that of a stamp on a half-space, under a wide one it crowds at the rim.
+
+Away from the pin the wall is a shallow shell: its curvature acts like a bed of springs (Reissner,
+J. Math. Phys. 25 (1946) 80).
+
+All lengths are in units of the thickness h, forces in units of 8 pi D / h^2 times the depth.
+Poisson's ratio enters the bed of springs alone, and hardly; Young's modulus drops out.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from scipy.integrate import simpson
-from scipy.special import sici
+from scipy.special import bei, ber, j0, kei, ker, spherical_jn
 
-LARGEST_WAVE_NUMBER = 60.0
-"""Beyond it [1/h] the layer is a half-space to nine digits."""
+POISSON = 0.4
+"""Of the bed of springs: 0.3 or 0.5 changes it by a tenth."""
+
+SOFTEST_BED = 1e-8
+"""A bed below this [1/h^4] is none, to rounding, within a hundred thicknesses."""
+
+WAVES_OF_PIN = 120.0
+LARGEST_WAVE_NUMBER = 15.0
+"""Waves are summed up to the larger of these two, [1/a] and [1/h]; beyond, the layer is a
+half-space to five digits and the sum has a closed tail."""
+
+NEAR = 8.0
+"""So many thicknesses from the rim of the pin nothing of its local field is left."""
 
 
-def bending(radius: np.ndarray) -> np.ndarray:
-    """Return depth (n,) around a concentrated force, at distances (n,) well outside the pin.
+@dataclass(frozen=True)
+class PressedPin:
+    """How a plate lies around and under a flat rigid pin, in units of h.
 
-    All in units of h and of the force over 8 pi D. r^2 ln r is Kirchhoff's plate; -4/5 ln r is
-    the shear and the stretch of the wall seen from the loaded face, the next term of the layer's
-    compliance (`face_compliance`) at long waves.
+    A dent is level x `level` + curvature x `curvature` + force x `force`: the first two are what
+    the plate would do by itself about the pin's axis, 1 and r^2, the third is the force's own.
+    Their logarithms (the moment of the pressure) and local fields hang on the pin's radius.
+
+    Attributes:
+        depth: (3,) depth at the axis, under the pin, for a unit of level, curvature and force.
+        moment: (2,) factor of ln r + 1 outside, for a unit of curvature and of force.
+        radius: (k,) distances at which the local field is tabulated.
+        local: (k, 2) local field of the layer there, for curvature and force.
     """
-    return (radius**2 - 0.8) * np.log(radius)
+
+    depth: np.ndarray
+    moment: np.ndarray
+    radius: np.ndarray
+    local: np.ndarray
+
+    def fields(self, radius: np.ndarray, bed: float) -> np.ndarray:
+        """Return depth (n, 3) outside the pin for a unit of level, curvature and force.
+
+        bed: stiffness of the bed of springs in units of D / h^4, see `bed_of`.
+        """
+        level, square, logarithm, kernel = shallow_shell(radius, bed)
+        near = [np.interp(radius, self.radius, field, right=0.0) for field in self.local.T]
+        ring = logarithm + level
+        return np.column_stack(
+            (
+                level,
+                square + self.moment[0] * ring + near[0],
+                kernel - 0.8 * logarithm + self.moment[1] * ring + near[1],
+            )
+        )
 
 
-def depth_under_pin(pin_radius: float) -> float:
-    """Return the depth at the axis under a rigid flat pin, in the units of `bending`.
+def bed_of(curvature: np.ndarray) -> float:
+    """Return the bed of springs, in D / h^4, of a wall with `curvature` (2, 2) in 1/h.
 
-    The mean of `bending` over the pressure of a rigid pin, 1 / (2 pi a sqrt(a^2 - r^2)), plus
-    what the squeezed material under the pin adds.
+    Membrane stiffness E h k1 k2. A wall that is curved one way, or both ways against each other,
+    has none: its dents run along straight lines, on which they need not stretch it.
     """
-    a = pin_radius
-    mean_log = np.log(2.0 * a) - 1.0
-    mean_square_log = a**2 * 2.0 / 3.0 * (np.log(2.0 * a) - 5.0 / 6.0)
-    return float(mean_square_log - 0.8 * mean_log + 8.0 * np.pi * squeeze(a))
+    return float(12.0 * (1.0 - POISSON**2) * max(0.0, np.linalg.det(curvature)))
+
+
+def shallow_shell(radius: np.ndarray, bed: float) -> tuple[np.ndarray, ...]:
+    """Return solutions (n,) of a plate on a bed that begin as 1, r^2, ln r and r^2 ln r.
+
+    Kelvin's functions of r over the bending length bed^(-1/4), mixed such that each begins with
+    its power alone.
+    """
+    length = max(bed, SOFTEST_BED) ** -0.25
+    x = np.asarray(radius, float) / length
+    inner, outer = ber(x), bei(x)
+    scale = np.log(2.0 * length) - np.euler_gamma
+    square = 4.0 * length**2 * outer
+    logarithm = -ker(x) + scale * inner + 0.25 * np.pi * outer
+    kernel = -(length**2) * (4.0 * kei(x) + np.pi * inner) + (scale + 1.0) * square
+    return inner, square, logarithm, kernel
 
 
 @lru_cache(maxsize=64)
-def squeeze(pin_radius: float) -> float:
-    """Return what the layer's face sinks at the axis beyond `bending`, in units of P h^2 / D.
-
-    The integral of the compliance beyond its two leading long-wave terms over the spectrum
-    sin(k a) / (k a) of a rigid pin. For small pins it is the half-space's 1 / (24 a).
-    """
+def pressed_pin(pin_radius: float) -> PressedPin:
+    """Return the plate around and under a pin of `pin_radius` [h]."""
     a = pin_radius
-    k = np.linspace(1e-3, LARGEST_WAVE_NUMBER, 60_001)
-    half_space = 1.0 / (6.0 * k)
-    rest = face_compliance(k) - 1.0 / k**4 - 1.0 / (5.0 * k**2) - half_space
-    inner = float(simpson(rest * k * np.sinc(k * a / np.pi), x=k))
-    end = LARGEST_WAVE_NUMBER
-    outer = -(np.sin(a * end) / end - a * sici(a * end)[1]) / (5.0 * a)
-    return (np.pi / (12.0 * a) + inner + float(outer)) / (2.0 * np.pi)
+    count = int(8 + 3 * min(a, 10.0))
+    wave, weight = _waves(a)
+    bases = np.array([spherical_jn(2 * n, wave * a) for n in range(count)])
+    layer = face_compliance(wave)
+    compliance, square = _compliance(a, wave, weight, bases, layer)
+    # Higher pressures, without a resultant, keep the face under the pin flat.
+    against = np.column_stack((square[1:], compliance[1:, 0]))
+    higher = -np.linalg.solve(compliance[1:, 1:], against)
+    depth = np.array(
+        [
+            1.0,
+            square[0] + compliance[0, 1:] @ higher[:, 0],
+            compliance[0, 0] + compliance[0, 1:] @ higher[:, 1],
+        ]
+    )
+    moment = np.array([0.0, square[0]]) + square[1] * higher[0]
+    pressure = np.column_stack((np.r_[0.0, higher[:, 0]], np.r_[1.0, higher[:, 1]]))
+    radius = np.geomspace(a, a + NEAR, 80)
+    local = (layer - wave**-4 - 0.2 * wave**-2) * wave * weight
+    field = 4.0 * (j0(np.outer(radius, wave)) * local) @ (bases.T @ pressure)
+    return PressedPin(depth, moment, radius, field)
+
+
+def _waves(a: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return wave numbers (k,) [1/h] and their trapezoidal weights; dense at the long ones."""
+    last = max(LARGEST_WAVE_NUMBER, WAVES_OF_PIN / a)
+    fine = 0.1 / max(a, NEAR + a if last < 100.0 else 1.0)
+    long, short = np.linspace(1e-3, 1.0, 801), np.arange(1.0, last, max(fine, last / 20_000))
+    wave = np.concatenate([long, short[1:]])
+    weight = np.zeros(len(wave))
+    weight[:-1] += 0.5 * np.diff(wave)
+    weight[1:] += 0.5 * np.diff(wave)
+    return wave, weight
+
+
+def _compliance(
+    a: float, wave: np.ndarray, weight: np.ndarray, bases: np.ndarray, layer: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return depth (b, b) over one pressure under another, and the mean of r^2 over each (b,).
+
+    Long waves alone are r^2 ln r - 4/5 ln r about the axis: the divergence at wave number zero,
+    which is a level and a curvature, is taken out.
+    """
+    count = len(bases)
+    first = np.zeros(count)
+    first[0] = 1.0
+    square = np.zeros(count)
+    square[:2] = 2.0 * a**2 / 3.0, -4.0 * a**2 / 15.0
+    unit = np.outer(first, first)
+    mixed = np.outer(square, first) + np.outer(first, square)
+    long = wave <= 1.0
+    k, q = wave[long], bases[:, long]
+    rest = (layer[long] * k * q)[:, None] * q - (
+        unit[..., None] * k**-3 + (0.2 * unit - 0.25 * mixed)[..., None] / k
+    )
+    short = ~long
+    edge = weight.copy()
+    edge[np.count_nonzero(long) - 1] = 0.5 * (wave[short][0] - k[-1])
+    edge[: len(k) - 1] = 0.0
+    total = 4.0 * simpson(rest, x=k)
+    total += 4.0 * (bases * (layer * wave * edge)) @ bases.T
+    sign = (-1.0) ** np.arange(count)
+    total += np.outer(sign, sign) / (3.0 * a**2 * wave[-1])
+    offset = np.euler_gamma - np.log(2.0)
+    return total - 2.0 * unit - mixed * (offset - 1.0) + 0.8 * offset * unit, square
 
 
 def face_compliance(wave_number: np.ndarray) -> np.ndarray:

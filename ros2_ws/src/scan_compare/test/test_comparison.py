@@ -22,7 +22,7 @@ from scan_shells import (
 from scan_compare.comparison import Comparison, ComparisonError, Setup, compare
 from scan_compare.deformed_surface import DeformedSurface
 from scan_compare.dent import Contacts, profiles
-from scan_compare.pressed_plate import bending, depth_under_pin
+from scan_compare.pressed_plate import bed_of, pressed_pin
 from scan_compare.ranking import rank
 from scan_compare.registration import Registration, register
 from scan_compare.report.files import dump_json
@@ -186,11 +186,14 @@ def test_the_depth_under_a_hidden_pin_is_extrapolated_and_said_so(seed: int) -> 
     angle = generator.uniform(0.0, 2.0 * np.pi, radius.size)
     outer = BALL_RADIUS + 0.5 * BALL_THICKNESS
     scaled = radius / BALL_THICKNESS
-    depth = 4e-3 - 0.55e-3 * scaled**2 + force * bending(scaled)
+    plate = pressed_pin(pin)
+    bed = bed_of(np.eye(2) * BALL_THICKNESS / outer)
+    planted = np.array([4e-3, -0.55e-3, force])
+    depth = plate.fields(scaled, bed) @ planted
     height = np.sqrt(outer**2 - radius**2) - depth + SCANNER_SIGMA * generator.normal(size=3_000)
     points = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), height))
     contact = Contacts(np.array([[0.0, 0.0, outer]]), np.array([[0.0, 0.0, -1.0]]), None)
-    truth = 4e-3 + force * depth_under_pin(pin)
+    truth = float(plate.depth @ planted)
     known = replace(contact, radius=np.array([pin * BALL_THICKNESS]))
     (profile,) = profiles(points, ball(), known, None)
     assert profile.extrapolated
@@ -201,6 +204,24 @@ def test_the_depth_under_a_hidden_pin_is_extrapolated_and_said_so(seed: int) -> 
     (guessed,) = profiles(points, ball(), contact, None)
     assert 'taken as' in guessed.method
     assert guessed.apex_sigma_m > profile.apex_sigma_m
+
+
+def test_a_wall_thinner_than_its_pin_bends_as_under_a_point() -> None:
+    thin = replace(ball(), thickness=0.5e-3)
+    outer = BALL_RADIUS + 0.25e-3
+    radius = np.sqrt(np.linspace(2e-3**2, 6e-3**2, 3_000))
+    angle = 2.4 * np.arange(3_000)
+    x = radius / 6e-3
+    depth = 2e-3 - 0.5e-3 * x**2 + 0.4e-3 * x**2 * np.log(x)
+    points = np.column_stack(
+        (radius * np.cos(angle), radius * np.sin(angle), np.sqrt(outer**2 - radius**2) - depth)
+    )
+    contact = Contacts(
+        np.array([[0.0, 0.0, outer]]), np.array([[0.0, 0.0, -1.0]]), np.array([1e-3])
+    )
+    (profile,) = profiles(points, thin, contact, None)
+    assert 'bent plate' in profile.method
+    assert profile.apex_m == pytest.approx(2e-3, abs=0.02e-3)
 
 
 def test_a_dent_is_deep_against_its_own_body_even_if_that_drifts(scan: Scan) -> None:

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pressed elastic layer against its limits and against the solid of the recordings."""
+"""The pressed elastic layer against its limits: half-space, thin plate, shallow shell."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from scan_compare.pressed_plate import bending, depth_under_pin, face_compliance, squeeze
+from scan_compare.pressed_plate import bed_of, face_compliance, pressed_pin, shallow_shell
+
+RADII = np.array([0.1, 0.5, 1.0, 2.0])
 
 
 def test_long_waves_bend_and_shear_the_layer() -> None:
@@ -24,19 +26,76 @@ def test_the_series_of_long_waves_joins_the_closed_form() -> None:
     assert below == pytest.approx(above, rel=1e-7)
 
 
-@pytest.mark.parametrize('pin_radius', [0.01, 0.02])
-def test_a_needle_sinks_as_into_a_half_space(pin_radius: float) -> None:
-    # less what the plate's own logarithm already holds
-    expected = 1.0 / (24.0 * pin_radius)
-    assert squeeze(pin_radius) == pytest.approx(expected, rel=0.1)
+def test_a_needle_sinks_as_a_stamp_into_a_half_space() -> None:
+    # P (1 - nu^2) / (2 a E) is pi / (3 a) in these units; what else the layer gives is finite
+    a = 0.01
+    assert a * pressed_pin(a).depth[2] == pytest.approx(np.pi / 3.0, rel=0.02)
 
 
-def test_a_wide_pin_squeezes_nothing_more() -> None:
-    assert 0.0 < squeeze(0.8) < squeeze(0.4) < squeeze(0.2)
-    assert squeeze(0.8) < 0.01
+def test_under_a_needle_the_pressure_is_that_of_a_stamp() -> None:
+    a = 0.02
+    assert pressed_pin(a).moment == pytest.approx([0.0, 2.0 * a**2 / 3.0], rel=1e-4, abs=1e-6)
+
+
+def test_around_a_disc_far_wider_than_the_wall_the_thin_plate_is_clamped() -> None:
+    # w = r^2 ln r - a^2 (1 + 2 ln a) ln r has no slope at the rim; r^2 - 2 a^2 ln r neither
+    a = 10.0
+    pin = pressed_pin(a)
+    assert pin.moment == pytest.approx([-2.0 * a**2, -(a**2) * (1.0 + 2.0 * np.log(a))], rel=0.1)
+    assert pin.depth[1] == pytest.approx(-(a**2) * (1.0 + 2.0 * np.log(a)), rel=0.1)
+
+
+@pytest.mark.parametrize('pin_radius', [0.1, 0.4, 0.8, 2.5])
+def test_what_a_curvature_does_to_the_force_the_force_does_to_the_curvature(
+    pin_radius: float,
+) -> None:
+    # Betti: the moment that a force adds is the depth that a curvature adds
+    pin = pressed_pin(pin_radius)
+    assert pin.moment[1] == pytest.approx(pin.depth[1], rel=1e-9)
+
+
+@pytest.mark.parametrize('pin_radius', [0.4, 0.8, 2.5])
+def test_the_face_leaves_the_rim_of_the_pin_without_a_step(pin_radius: float) -> None:
+    pin = pressed_pin(pin_radius)
+    rim = pin.fields(np.array([pin_radius]), 0.0)[0]
+    assert rim == pytest.approx(pin.depth, rel=0.08)
 
 
 def test_the_depth_falls_with_the_pin_radius_and_lies_beyond_the_ring_around_it() -> None:
-    depths = [depth_under_pin(a) for a in (0.1, 0.2, 0.4, 0.8)]
+    depths = [pressed_pin(a).depth[2] for a in (0.1, 0.2, 0.4, 0.8)]
     assert np.all(np.diff(depths) < 0.0)
-    assert depth_under_pin(0.4) > float(bending(np.array([0.8]))[0])
+    assert depths[2] > pressed_pin(0.4).fields(np.array([0.8]), 0.0)[0, 2]
+
+
+def test_without_a_bed_the_fields_are_those_of_the_plate() -> None:
+    found = np.array(shallow_shell(RADII, 0.0))
+    plate = [RADII**0, RADII**2, np.log(RADII), RADII**2 * np.log(RADII)]
+    assert found == pytest.approx(np.array(plate), abs=1e-8)
+
+
+@pytest.mark.parametrize('field', range(4))
+def test_on_a_bed_every_field_solves_the_shallow_shell(field: int) -> None:
+    # the biharmonic operator of w is - bed w, by differences
+    bed, r, d = 0.3, 1.5, 2e-2
+
+    def laplace(of, at):  # type: ignore[no-untyped-def]
+        second = (of(at + d) - 2.0 * of(at) + of(at - d)) / d**2
+        return second + (of(at + d) - of(at - d)) / (2.0 * d * at)
+
+    def w(at: float) -> float:
+        return float(shallow_shell(np.array([at]), bed)[field][0])
+
+    assert laplace(lambda at: laplace(w, at), r) == pytest.approx(-bed * w(r), rel=5e-3, abs=2e-4)
+
+
+def test_a_sphere_lies_on_a_bed_and_a_wall_with_straight_lines_on_none() -> None:
+    assert bed_of(np.eye(2) / 12.5) == pytest.approx(12.0 * (1.0 - 0.4**2) / 12.5**2)
+    assert bed_of(np.diag([1.0, 0.0]) / 12.5) == 0.0
+    assert bed_of(np.diag([1.0, -0.5]) / 12.5) == 0.0
+
+
+def test_the_bed_does_not_depend_on_how_the_axes_lie() -> None:
+    c, s = np.cos(0.7), np.sin(0.7)
+    turn = np.array([[c, -s], [s, c]])
+    curved = np.diag([0.08, 0.02])
+    assert bed_of(turn @ curved @ turn.T) == pytest.approx(bed_of(curved), rel=1e-12)

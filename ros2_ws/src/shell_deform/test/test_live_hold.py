@@ -9,7 +9,7 @@ import pytest
 
 from shell_deform.building import build_model, object_contacts
 from shell_deform.live.tick.fusion import ErrorModel
-from shell_deform.live.tick.hold import LATER_S, ForceMemory
+from shell_deform.live.tick.hold import LATER_S, ForceMemory, Softening, softening
 from shell_deform.live.tick.modulus import ModulusFilter
 from shell_deform.objects import load_object
 from shell_deform.objects.shell_object import Contact
@@ -20,8 +20,6 @@ from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.theory.relaxation import log_law
 
 DEPTH, RAMP, END = 5e-3, 2.0, 600.0
-AFTER = 1.5
-"""Right after a fast ramp one function of time for the force is not the whole history [s]."""
 TIMES = np.concatenate([np.linspace(0.2, RAMP, 10), RAMP + np.geomspace(0.2, END - RAMP, 14)])
 COUNT = 0.2
 """A count of the gauge [N]."""
@@ -90,7 +88,7 @@ def served(model, law, forces, drive, memory=True):
         answer = pipe.tick(sample)
         estimator = pipe.estimator
         modulus.update(estimator.adopted.response, estimator.posterior.inputs, estimator.measured)
-        if time >= RAMP + AFTER:
+        if time >= RAMP:
             worst = max(worst, float(np.abs(answer.displacement.mean() - DEPTH)))
             strained = max(strained, answer.contradiction)
     return worst, strained, modulus.estimate.value
@@ -140,6 +138,32 @@ def test_the_force_of_later_is_that_of_the_law():
         assert row[2] == pytest.approx(10.0 * float(law(60.0 + row[1])), rel=1e-6)
     assert (np.diff(later[::2, 3]) > 0.0).all()
     assert later[-1, 3] > 10.0 * 0.03 * 0.5  # an hour is beyond the thousand seconds known
+
+
+def test_softening_is_that_of_the_energy_along_a_power_of_the_dent():
+    """F = c d^n: e goes with d^((n + 1) / 2), whatever the stiffness at rest is."""
+    n, c, d = 0.6, 3.0, 0.2
+    force, energy = c * d**n, c * d ** (n + 1.0) / (n + 1.0)
+    compliance = d / (n * force)
+    found = softening(np.array([force]), np.array([[compliance]]), np.array([[0.04]]), energy)
+    deeper = c * (1.5 * d) ** n
+    strain = force / found.share, deeper / found.at(deeper)
+    assert strain[1] / strain[0] == pytest.approx(1.5 ** (0.5 * (n + 1.0)), rel=1e-9)
+    assert Softening().at(7.0) == 1.0
+    assert (
+        softening(np.array([force]), np.array([[compliance]]), np.array([[0.04]]), 0.0).share
+        == 1.0
+    )
+
+
+def test_the_same_stamp_is_answered_anew_where_more_is_known_of_the_wall():
+    memory = ForceMemory(law_of(0.08))
+    memory.elastic(_sample(1.0, 3.0))
+    first = memory.elastic(_sample(2.0, 5.0))
+    memory.take(Softening(5.0, 0.8, -0.5))
+    again = memory.elastic(_sample(2.0, 5.0))
+    assert again is not first and memory.elastic(_sample(2.0, 5.0)) is again
+    assert (np.abs(again.push - first.push) > 1e-3).all()
 
 
 def test_a_law_in_the_logarithm_of_time_goes_on_beyond_its_range():

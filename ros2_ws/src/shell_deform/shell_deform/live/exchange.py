@@ -90,6 +90,7 @@ RESULT = np.dtype(
         ('stable', '<i8'),
         ('snap_margin', '<f8'),
         ('energy', '<f8'),
+        ('rest_energy', '<f8'),
         ('seconds', '<f8'),
         ('factorisations', '<i8'),
         ('dropped', '<i8'),

@@ -392,6 +392,7 @@ class FingertipSolver:
                 'stable': int(held.touched.stable(held.case.driven)),
                 'snap_margin': snap_margin(self._small, condensed.displacement[:, :count]),
                 'energy': state.energy,
+                'rest_energy': self._unloaded.energy,
                 'seconds': self.seconds,
                 'factorisations': state.factorisations,
                 'rigid_scale': np.sqrt(len(self.model.rest)),

@@ -302,6 +302,7 @@ class LiveSolver:
                 'stable': int(system.negative_modes_driven(self._driven(self._load)) == 0),
                 'snap_margin': snap_margin(self._small, system.compliance),
                 'energy': tracker.state.energy,
+                'rest_energy': self._unloaded_state.energy,
                 'seconds': self.seconds,
                 'factorisations': tracker.factorisations,
                 'rigid_scale': np.sqrt(self._size),

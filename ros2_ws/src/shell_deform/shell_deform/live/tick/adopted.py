@@ -13,6 +13,7 @@ from shell_deform.live.grip_motion import AFFINE, GripPoses, followed
 from shell_deform.live.pose import Pose, pose_of
 from shell_deform.live.tick.at_rest import AtRest
 from shell_deform.live.tick.fusion_types import Measured, Response
+from shell_deform.live.tick.hold import Softening, softening
 from shell_deform.live.tick.sample import ContactSample
 
 Array = NDArray[np.float64]
@@ -55,6 +56,7 @@ class Adopted:
         self.touch_point = record['touch_point'][:k].copy()
         self.touch_normal = record['touch_normal'][:k].copy()
         self.energy = float(record['energy'])
+        self.squeeze = self.energy - float(record['rest_energy'])
         self.spin = record['spin'][:k].copy()
         self.arm = record['arm'][:k].copy()
         self.grasp_known = bool(record['grasp_known'])
@@ -122,6 +124,16 @@ class Adopted:
     def coarseness(self) -> Array:
         """(k,) relative stiffness error of the mesh under each contact."""
         return self.at_rest.coarseness
+
+    @property
+    def softening(self) -> Softening:
+        """How its pushes go with the strain of the wall; unknown where grips strain it, too."""
+        if self.grips.any():
+            return Softening()
+        response, k = self.response, len(self.fingers)
+        return softening(
+            response.force, response.displacement_by[:, :k], self.at_rest.compliance, self.squeeze
+        )
 
     def follow(self, poses: GripPoses) -> None:
         """Go with the grips to where they are now: surface and response, by their columns."""

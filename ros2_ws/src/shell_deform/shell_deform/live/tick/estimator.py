@@ -164,6 +164,8 @@ class Estimator:
         """Take a new result of the background process."""
         self.adopted = Adopted(slot)
         self._carried_rest = self.adopted.carried.from_object(self.rest)
+        if self.hold is not None:
+            self.hold.take(self.adopted.softening)
 
     @property
     def pose_in_use(self) -> Pose:

@@ -1,25 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """A grasp that is held while the wall relaxes: from measured pushes to those of an elastic wall.
 
-One function of time relaxes the whole wall, so what a finger feels is the hereditary integral of
-what it would feel of an elastic wall of the stated modulus. Solved for that at every sample, it
-keeps depth, fusion, contradiction and the learned modulus free of time: a push that falls at
-constant travel is the same elastic push. Exact while the shape stays. Against the full history of
-the wall (`solve.hold`), by force alone: creep to half as deep again 0.3 % of depth; after a ramp
-of 5 mm in 2 s at 8 % a decade 0.18 mm, two seconds later below 0.1 mm. Gas does not relax, and
-what it carries is taken as wall: 0.06 mm after ten minutes of that.
+One function of time relaxes the whole wall. At a shape that stays all forces fall by it; while the
+shape changes, what the wall has been strained to before presses through the shape of now. With all
+strains growing in proportion to one number e, whose half square is the energy of the squeeze, a
+finger feels F_e / e times the hereditary integral of e, F_e what it would feel of an elastic wall.
+Solved for that at every sample, it keeps depth, fusion, contradiction and the learned modulus free
+of time: a push that falls at constant travel is the same elastic push. Where linear theory holds e
+goes with the force. Against the full history of the wall (`solve.hold`), by force alone: after a
+ramp of 5 mm in 2 s at 8 % a decade 0.07 mm. Gas does not relax, and what it carries is taken as
+wall: 0.03 mm after a minute of that.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.live.tick.sample import ContactSample
-from shell_deform.theory.relaxation import Heredity, Relaxation, RelaxationError, step_of
+from shell_deform.theory.relaxation import Heredity, Relaxation, RelaxationError, Step, step_of
 
 Array = NDArray[np.float64]
 
@@ -35,6 +37,49 @@ ANEW_S = 1.0
 LATER_FIELDS = ('finger', 'later', 'force', 'sigma')
 
 
+LEAST_FORCE = 0.05
+"""Pushes below say nothing of how the wall softens [N]."""
+
+SOLVES = 4
+"""Passes in which the elastic pushes and the softening at them agree."""
+
+
+@dataclass(frozen=True)
+class Softening:
+    """How force goes with the strain of the wall: F_e over e, as a share of linear theory's.
+
+    Attributes:
+        force: size of all pushes where it is known [N]. share: there. power: by which it goes on
+            with the pushes.
+    """
+
+    force: float = 1.0
+    share: float = 1.0
+    power: float = 0.0
+
+    def at(self, force: float) -> float:
+        """The share at pushes of another size [N]; not beyond linear theory's on the way back."""
+        if not force > 0.0 or self.power == 0.0:
+            return self.share
+        ratio = force / self.force
+        share = self.share * ratio**self.power
+        if ratio < 1.0:
+            return min(share, 1.0) if self.share < 1.0 else max(share, 1.0)
+        return float(share)
+
+
+def softening(force: Array, compliance: Array, at_rest: Array, energy: float) -> Softening:
+    """Of an equilibrium: pushes (k,) [N], compliances (k, k) there and at rest [m/N], energy [J].
+
+    Along the pushes e changes by F C F / 2 W of itself per change of the pushes of themselves.
+    """
+    size, linear = float(np.linalg.norm(force)), 0.5 * float(force @ at_rest @ force)
+    if size < LEAST_FORCE or not (energy > 0.0 and linear > 0.0):
+        return Softening()
+    power = 1.0 - float(force @ compliance @ force) / (2.0 * energy)
+    return Softening(size, float(np.sqrt(linear / energy)), float(np.clip(power, -1.0, 0.75)))
+
+
 class ForceMemory:
     """What the fingers have pushed with since time last jumped; one sample after the other."""
 
@@ -48,37 +93,60 @@ class ForceMemory:
         self._fingers: NDArray[np.int64] = np.zeros(0, np.int64)
         self._began = self._seen = np.zeros(0, np.int64)
         self._memory = Heredity(none, none, np.zeros((len(self.law.times), 0, 3)))
+        self._before = self._memory
+        self._passed, self._slope = 0.0, 1.0
         self._stamp: int | None = None
         self._measured: ContactSample | None = None
         self._answer: ContactSample | None = None
+        self._softening = self._softened = Softening()
+
+    def take(self, found: Softening) -> None:
+        """How the wall softens at the newest equilibrium."""
+        self._softening = found
 
     def elastic(self, sample: ContactSample) -> ContactSample:
         """A sample, one row per finger, with the forces that an elastic wall would need.
 
-        Asked again for the same stamp it answers as before. A sample from before the last one is
-        answered from what is known now.
+        Asked again for the same stamp it answers as before, unless more is known of the wall. A
+        sample from before the last one is answered from what is known now.
         """
-        if sample.stamp == self._stamp and self._answer is not None:
+        again = sample.stamp == self._stamp
+        if again and self._answer is not None and self._softened is self._softening:
             return self._answer
         self._take_up(sample)
         late = self._stamp is not None and sample.stamp < self._stamp
         passed = 0.0 if self._stamp is None or late else 1e-9 * (sample.stamp - self._stamp)
+        if again and len(self._before.elastic) == len(self._memory.elastic):
+            self._memory, passed = self._before, self._passed
         step = step_of(self.law, passed)
         index = np.searchsorted(self._fingers, sample.finger)
-        force = np.zeros((len(self._fingers), 3))
-        force[index] = (sample.force - self._memory.held(step)[index]) / step.now
-        held = force[index]
-        share = _ratio(held, sample.force)
+        strain = np.zeros((len(self._fingers), 3))
+        strain[index], slope = self._strained(sample.force, self._memory.held(step)[index], step)
+        here = slope * strain[index]
+        share = _ratio(here, sample.force)
         age = 1e-9 * (sample.stamp - self._began[index])
-        own = np.linalg.norm(held, axis=1) * self._sigma(np.maximum(age, 0.0))
+        own = np.linalg.norm(here, axis=1) * self._sigma(np.maximum(age, 0.0))
         answer = replace(
-            sample, force=held, sigma_normal=np.hypot(sample.sigma_normal * share, own)
+            sample, force=here, sigma_normal=np.hypot(sample.sigma_normal * share, own)
         )
         if not late:
             self._seen[index] = sample.stamp
-            self._memory = self._memory.after(step, force)
+            self._before, self._passed, self._slope = self._memory, passed, slope
+            self._memory = self._memory.after(step, strain)
             self._stamp, self._measured, self._answer = sample.stamp, sample, answer
+            self._softened = self._softening
         return answer
+
+    def _strained(self, force: Array, held: Array, step: Step) -> tuple[Array, float]:
+        """(k, 3) share of each finger in e for forces as felt, in newtons of linear theory; and
+        the elastic force over it.
+        """
+        slope = self._softening.at(float(np.linalg.norm(force)))
+        strain = (force / slope - held) / step.now
+        for _ in range(SOLVES):
+            slope = self._softening.at(slope * float(np.linalg.norm(strain)))
+            strain = (force / slope - held) / step.now
+        return strain, slope
 
     def _take_up(self, sample: ContactSample) -> None:
         """Make room for fingers that are new."""
@@ -141,7 +209,8 @@ class ForceMemory:
         rows: list[Array] = []
         for later in times:
             step = step_of(self.law, later)
-            force = (step.now * self._memory.elastic + self._memory.held(step))[index]
+            strain = (step.now * self._memory.elastic + self._memory.held(step))[index]
+            force = self._slope * strain
             push = np.einsum('pi,pi->p', force, sample.normal)
             relative = [float(self.law.sigma_of(a + later, max(a, self.law.first))) for a in age]
             sigma = np.hypot(sample.sigma_normal, np.abs(push) * np.array(relative))

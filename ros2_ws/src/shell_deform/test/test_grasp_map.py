@@ -160,3 +160,44 @@ def test_a_scheduler_without_dask_is_one_sentence(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, 'distributed', None)
     with pytest.raises(CampaignError, match=r'install dask\[distributed\]'):
         run_map(REQUEST, tmp_path, scheduler='tcp://127.0.0.1:1')
+
+
+TIPS = replace(REQUEST, hand='two_fingertips', depth=1e-3, friction=0.4, number=1)
+
+
+def test_a_map_of_fingertips_tells_what_their_rings_hold():
+    told = map_grasp(TIPS, 1)
+    assert 'failed' not in told
+    assert told['closed']
+    assert told['contact_points'] > 0
+    assert told['depth_m'] == pytest.approx(1e-3)
+    # Along the line of two fingertips friction carries at most twice mu N.
+    assert told['worst_capacity_n'] <= 2.0 * 0.4 * told['push_n'] * 1.001
+    assert told['worst_slip_n'] > 0.0
+    assert told['squeeze_work_j'] == pytest.approx(told['energy_j'], rel=0.2)
+    assert 'no shell theory resolves' in told['stress_unresolved']
+
+
+def test_another_body_is_another_map(tmp_path):
+    body = tmp_path / 'ball.yaml'
+    body.write_text('name: tip\nball: {radius_m: 0.008}\n')
+    keys = [map_key(TIPS), map_key(replace(TIPS, body=str(body)))]
+    body.write_text('name: tip\nball: {radius_m: 0.009}\n')
+    assert len({*keys, map_key(replace(TIPS, body=str(body)))}) == 3
+
+
+@pytest.mark.parametrize(
+    ('options', 'text'),
+    [
+        (['--finger-body', 'barrett_fingertip'], 'two_pins carry none'),
+        (['--hand', 'two_fingertips', '--finger-body', 'nosuch'], "no body 'nosuch'"),
+        (
+            ['--hand', 'three_fingertips', '--finger-body', '1: barrett_fingertip'],
+            'not every finger of three_fingertips',
+        ),
+    ],
+)
+def test_bodies_that_nobody_carries_are_refused(options, text, tmp_path, capsys):
+    assert main(['tennis_ball', '--out', str(tmp_path / 'map'), *options]) == 1
+    assert text in capsys.readouterr().err
+    assert not (tmp_path / 'map').exists()

@@ -15,6 +15,7 @@ from shell_deform.commands.console import CommandError, print_json, run
 from shell_deform.commands.grasp_map_options import build_parser
 
 SHOWN = 10
+DEFAULT_BODY = 'barrett_fingertip'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -48,6 +49,7 @@ def _map(options: argparse.Namespace) -> None:
         vertices=options.vertices or 0,
         theory=options.theory,
         strain_limit=options.strain_limit,
+        body=_body(options),
     )
     place = workplace(request.object_name, request.vertices, request.theory)
     options.out.mkdir(parents=True, exist_ok=True)
@@ -80,3 +82,24 @@ def _map(options: argparse.Namespace) -> None:
     print(
         f'{len(told["grasps"])} grasps, {len(told["failed"])} failed: {options.out / "map.html"}'
     )
+
+
+def _body(options: argparse.Namespace) -> str:
+    """What the fingertips carry; refused where nothing carries it, or it cannot be read."""
+    from shell_deform.contact.finger_bodies import OTHERS, read_finger_bodies
+    from shell_deform.grasp.sampling import FINGERTIPS, HANDS
+
+    body = options.finger_body or DEFAULT_BODY
+    carried = read_finger_bodies(body).loaded()
+    if options.hand not in FINGERTIPS:
+        if options.finger_body is not None:
+            raise CommandError(
+                f'--finger-body {body}: {options.hand} carry none; give --hand two_fingertips or '
+                'three_fingertips'
+            )
+    elif OTHERS not in carried and not set(range(1, 1 + HANDS[options.hand])) <= set(carried):
+        raise CommandError(
+            f'--finger-body {body}: not every finger of {options.hand} carries a body; name them '
+            'all, or one without a number for the others'
+        )
+    return body

@@ -27,8 +27,12 @@ def build_parser() -> argparse.ArgumentParser:
     add(parser, '--out', required=True)
     add(
         parser, '--hand', ' (default two_pins)',
-        choices=('two_pins', 'three_pins'), default='two_pins',
+        choices=('two_pins', 'three_pins', 'two_fingertips', 'three_fingertips'),
+        default='two_pins',
     )  # fmt: skip
+    own('--finger-body', metavar='BODY',
+        help='rigid body of fingertips: a name, a file, or NUMBER: BODY, NUMBER: BODY '
+        '(default barrett_fingertip)')  # fmt: skip
     own('--number', type=count(1, MOST), default=100, metavar='COUNT', help='grasps (default 100)')
     add(parser, '--seed', ' (default 0)', type=int, default=0)
     own('--mu', type=not_negative, default=0.5, metavar='SHARE',
@@ -41,7 +45,10 @@ def build_parser() -> argparse.ArgumentParser:
         help='direction of its weight in the frame of the object (default 0,0,-1)')  # fmt: skip
     amount = parser.add_mutually_exclusive_group()
     amount.add_argument(
-        '--depth', type=above_zero, metavar='M', help='depth of each pin [m] (default 0.004)'
+        '--depth',
+        type=above_zero,
+        metavar='M',
+        help='depth of each finger from first touch [m] (default 0.004)',
     )
     add(amount, '--force', type=above_zero)
     own('--lean', type=not_negative, default=20.0, metavar='DEGREES',

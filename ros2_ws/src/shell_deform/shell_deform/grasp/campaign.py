@@ -12,6 +12,7 @@ import hashlib
 import json
 import multiprocessing
 import os
+import pickle
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -19,7 +20,9 @@ from pathlib import Path
 from typing import Any
 
 from shell_deform.compiled.halves import keep_to_one_core
+from shell_deform.contact.finger_bodies import read_finger_bodies
 from shell_deform.grasp.mapping import MapRequest, described, map_grasp
+from shell_deform.grasp.sampling import FINGERTIPS
 
 ATTEMPTS = 3
 BATCH = 8
@@ -40,6 +43,8 @@ def map_key(request: MapRequest) -> str:
     digest.update(json.dumps(choice, sort_keys=True).encode())
     named = Path(request.object_name)
     digest.update(named.read_bytes() if named.is_file() else b'-')
+    if request.hand in FINGERTIPS:
+        digest.update(pickle.dumps(read_finger_bodies(request.body).loaded()))
     root = Path(__file__).parents[1]
     for path in sorted(root.rglob('*')):
         if path.suffix in ('.py', '.yaml') and path.is_file():

@@ -24,7 +24,7 @@ COLUMNS = (
     'push_n', 'depth_m', 'least_push_n', 'most_push_n', 'limit', 'snap_margin',
     'smallest_stiffness_n_m', 'adversary_work_j', 'energy_j', 'squeeze_work_j', 'rigid_share',
     'largest_stress_pa', 'stress_sigma_pa', 'stress_unresolved', 'largest_strain', 'dent_push_n',
-    'stable',
+    'stable', 'contact_points',
 )  # fmt: skip
 HEADINGS = {
     'number': 'grasp', 'worst_capacity_n': 'worst of 26 [N]', 'liftable_mass_kg': 'lifts [kg]',

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -11,23 +12,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.building import build_model
+from shell_deform.contact.bodies import BodyError
+from shell_deform.contact.finger_bodies import OTHERS, read_finger_bodies
+from shell_deform.contact.loads import ContactPatch
 from shell_deform.factor.base import FactorError
 from shell_deform.grasp.capacity import liftable_mass
 from shell_deform.grasp.cone import ConeError
 from shell_deform.grasp.contacts import GraspError
 from shell_deform.grasp.measures import Doubt, Held, Task, measure
-from shell_deform.grasp.reading import normal_sigma, read_contacts, read_response, wall_reader
-from shell_deform.grasp.sampling import PinGrasp, SamplingError, sample_grasp
+from shell_deform.grasp.reading import normal_sigma, wall_reader
+from shell_deform.grasp.sampling import FINGERTIPS, SampledGrasp, SamplingError, sample_grasp
 from shell_deform.grasp.stiffness import rigid_share, squeeze_work
+from shell_deform.grasp.touching import read_grasp, read_response
 from shell_deform.grasp.window import UNLIMITED, Limits, window_of_curve
 from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject, load_object
-from shell_deform.solve.equilibrium import Equilibrium, displaced, forced
+from shell_deform.solve.equilibrium import Equilibrium, LoadCase, displaced, forced
+from shell_deform.solve.first_touch import FirstTouchError, first_touch
 from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
 
 Array = NDArray[np.float64]
 
 STEPS = 4
+BODY_STEPS = 8
+"""Friction remembers its way."""
+PARTS = (1, 4, 16)
+"""In which a step of bodies is gone, until it arrives."""
+
 POINT_SIGMA = 2e-4
 """Of contacts of the model: half a pin's mounting [m]."""
 
@@ -42,7 +53,8 @@ class MapRequest:
         depth: of each pin [m], or force: push of each [N]; exactly one is above zero.
         lean: largest angle of a line to the normal [rad]. pin_radius: [m]. vertices: control
             vertices, 0 for those of the file. theory: strain measure.
-        strain_limit: largest strain of the wall [-], for rubber.
+        strain_limit: largest strain of the wall [-], for rubber. body: what fingertips carry, as
+            `read_finger_bodies` takes it.
     """
 
     object_name: str
@@ -60,6 +72,7 @@ class MapRequest:
     vertices: int = 0
     theory: str = 'koiter'
     strain_limit: float = 0.2
+    body: str = 'barrett_fingertip'
 
 
 @dataclass(frozen=True)
@@ -102,44 +115,113 @@ def map_grasp(request: MapRequest, number: int) -> dict[str, Any]:
     result: dict[str, Any] = {
         'number': number, 'at_m': sampled.at.tolist(), 'axis': sampled.axis.tolist(),
     }  # fmt: skip
-    pins = tuple(
-        place.model.contact(at, request.pin_radius, axis)
-        for at, axis in zip(sampled.at, sampled.axis, strict=True)
-    )
-    states: list[Equilibrium] = []
-    for share in np.linspace(0.0, 1.0, STEPS + 1)[1:]:
-        values = np.full(len(pins), share * (request.depth or request.force))
-        case = displaced(pins, values) if request.depth else forced(pins, values)
-        solver = place.solver if share < 1.0 else place.judge
-        found = solver.solve(case, states[-1] if states else None)
-        if not found.converged:
-            return {**result, 'failed': found.message}
-        states.append(found)
     try:
-        return {**result, **_measured(request, place, sampled, pins, states)}
-    except (FactorError, ConeError, GraspError) as error:
+        patches = _patches(request, place.model, sampled)
+        squeeze = _squeezed(request, place, patches)
+        if isinstance(squeeze, str):
+            return {**result, 'failed': squeeze}
+        return {**result, **_measured(request, place, sampled, squeeze)}
+    except (BodyError, FirstTouchError, FactorError, ConeError, GraspError) as error:
         return {**result, 'failed': str(error)}
+
+
+@dataclass(frozen=True)
+class Squeeze:
+    """A grasp as it is squeezed: its contacts, their depths (k,) at first touch [m], states."""
+
+    patches: tuple[ContactPatch, ...]
+    touch: Array
+    states: list[Equilibrium]
+
+
+def _patches(
+    request: MapRequest, model: ShellModel, sampled: SampledGrasp
+) -> tuple[ContactPatch, ...]:
+    """Pins, or bodies that face along their pushes."""
+    places = list(zip(sampled.at, sampled.axis, strict=True))
+    if request.hand not in FINGERTIPS:
+        return tuple(model.contact(at, request.pin_radius, axis) for at, axis in places)
+    carried = read_finger_bodies(request.body).loaded()
+    bodies = [carried[k] if k in carried else carried[OTHERS] for k in range(1, len(places) + 1)]
+    return tuple(
+        model.touched_by(
+            body.shape, at, body.size, sampled.along, request.friction, towards=axis
+        )
+        for (at, axis), body in zip(places, bodies, strict=True)
+    )  # fmt: skip
+
+
+def _squeezed(
+    request: MapRequest, place: Workplace, patches: tuple[ContactPatch, ...]
+) -> Squeeze | str:
+    """States of the squeeze, or why there are none."""
+    alone, touch = first_touch(place.solver, patches)
+    start = replace(alone, force=np.zeros(len(patches)), displacement=touch)
+    steps = STEPS if patches[0].body is None else BODY_STEPS
+    amount, count = request.depth or request.force, len(patches)
+
+    def case(share: float) -> LoadCase:
+        value = np.full(count, share * amount)
+        return displaced(patches, touch + value) if request.depth else forced(patches, value)
+
+    states: list[Equilibrium] = []
+    shares = np.linspace(0.0, 1.0, steps + 1)
+    for here, there in zip(shares[:-1], shares[1:], strict=True):
+        solver = place.solver if there < 1.0 else place.judge
+        found = _reached(solver, case, states[-1] if states else start, here, there)
+        if isinstance(found, str):
+            return found
+        states.append(found)
+    return Squeeze(patches, touch, states)
+
+
+def _reached(
+    solver: EquilibriumSolver,
+    case: Callable[[float], LoadCase],
+    start: Equilibrium,
+    here: float,
+    there: float,
+) -> Equilibrium | str:
+    """The state at a share of the squeeze, or why there is none.
+
+    A free object that an iteration throws out of the hand rests there as well: bodies that all
+    touch nothing have lost it, and the way is gone again in parts.
+    """
+    lost = ''
+    for parts in PARTS if any(contact.body for contact in case(there).contacts) else PARTS[:1]:
+        found = start
+        for share in np.linspace(here, there, parts + 1)[1:]:
+            found = solver.solve(case(float(share)), found)
+            lost = '' if found.converged else found.message
+            if not lost and found.pressed_points and not any(found.pressed_points):
+                lost = f'the object slips out between the fingers at {100.0 * share:.0f} %'
+            if lost:
+                break
+        if not lost:
+            return found
+    return lost
 
 
 def _measured(
     request: MapRequest,
     place: Workplace,
-    sampled: PinGrasp,
-    pins: tuple[Any, ...],
-    states: list[Equilibrium],
+    sampled: SampledGrasp,
+    squeeze: Squeeze,
 ) -> dict[str, Any]:
-    model, count = place.model.on_contacts(pins), len(pins)
-    grasps = [read_contacts(model, pins, state, request.friction) for state in states]
-    response = read_response(place.solver, pins, states[-1], grasps[-1])
-    reader = wall_reader(model, pins)
+    patches, states, count = squeeze.patches, squeeze.states, len(squeeze.patches)
+    model = place.model.on_contacts(patches)
+    grasps = [read_grasp(model, patches, state, request.friction) for state in states]
+    response = read_response(place.solver, patches, states[-1], grasps[-1])
+    reader = wall_reader(model, patches)
+    moved = [state.displacement - squeeze.touch for state in states]
     walls = [reader.at(state.unknowns, state.force, state.displacement) for state in states]
     yielding = place.shell.yield_stress_pa or 0.0
-    slope = states[0].force.sum() / max(float(states[0].displacement.sum()), 1e-12)
+    slope = states[0].force.sum() / max(float(moved[0].sum()), 1e-12)
     limits = []
     before = np.zeros(count), np.zeros(count)
-    for state, wall in zip(states, walls, strict=True):
-        push, moved = state.force - before[0], state.displacement - before[1]
-        stiff = push.sum() / moved.sum() / slope if moved.sum() else 1.0
+    for state, way, wall in zip(states, moved, walls, strict=True):
+        push, step = state.force - before[0], way - before[1]
+        stiff = push.sum() / step.sum() / slope if step.sum() else 1.0
         limits.append(
             Limits(
                 float(min(stiff, 1.0)),
@@ -147,7 +229,7 @@ def _measured(
                 wall.strain / request.strain_limit,
             )
         )
-        before = state.force, state.displacement
+        before = state.force, way
     task = Task(request.mass, request.down, request.friction_sigma)
     doubt = Doubt(
         np.zeros(count),
@@ -167,15 +249,16 @@ def _measured(
     )
     rest = np.zeros((1, count))
     work = squeeze_work(
-        np.concatenate([rest, [state.displacement for state in states]]),
+        np.concatenate([rest, moved]),
         np.concatenate([rest, [state.force for state in states]]),
     )
-    motion = states[-1].displacement[:, None] * sampled.axis
+    motion = moved[-1][:, None] * sampled.axis
     return {
         **told,
         'stable': bool(states[-1].stable),
         'push_n': float(mean[-1]),
-        'depth_m': float(states[-1].displacement.mean()),
+        'depth_m': float(moved[-1].mean()),
+        'contact_points': min(states[-1].pressed_points, default=0),
         'largest_stress_pa': walls[-1].stress,
         'largest_strain': walls[-1].strain,
         'dent_push_n': _dent(mean, walls, yielding),

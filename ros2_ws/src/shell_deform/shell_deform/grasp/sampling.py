@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random pin grasps of an object: where the pins touch and along which lines they close."""
+"""Random grasps of an object: where the fingers touch and along which lines they close."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from shell_deform.surface.frames import lateral_vectors
 
 Array = NDArray[np.float64]
 
-HANDS = {'two_pins': 2, 'three_pins': 3}
-"""Pins of a hand: two that close on one line, or three that close on one point."""
+HANDS = {'two_pins': 2, 'three_pins': 3, 'two_fingertips': 2, 'three_fingertips': 3}
+"""Fingers of a hand: two that close on one line, or three that close on one point."""
+FINGERTIPS = ('two_fingertips', 'three_fingertips')
 
 ATTEMPTS = 200
 THINNEST = 1e-6
@@ -25,16 +26,20 @@ class SamplingError(ValueError):
 
 
 @dataclass(frozen=True)
-class PinGrasp:
-    """Places (k, 3) [m] on the undeformed middle surface and directions (k, 3) of the pushes."""
+class SampledGrasp:
+    """Places (k, 3) [m] on the undeformed middle surface and directions (k, 3) of the pushes.
+
+    `along` (3,): the way to the tips of all fingers, across their pushes.
+    """
 
     at: Array
     axis: Array
+    along: Array
 
 
 def sample_grasp(
     points: Array, triangles: NDArray[np.int64], hand: str, lean: float, key: tuple[int, int]
-) -> PinGrasp:
+) -> SampledGrasp:
     """The grasp that belongs to `key` (seed, number), and to no other circumstance.
 
     Two pins: a place even over the surface, a line within `lean` [rad] of the normal there, and
@@ -56,7 +61,8 @@ def sample_grasp(
         if far is None:
             continue
         if HANDS[hand] == 2:
-            return PinGrasp(np.stack([place, far]), np.stack([line, -line]))
+            along = _across(rng, line)
+            return SampledGrasp(np.stack([place, far]), np.stack([line, -line]), along)
         found = _three(rng, corners, 0.5 * (place + far), line)
         if found is not None:
             return found
@@ -74,11 +80,9 @@ def _leaning(rng: np.random.Generator, direction: Array, lean: float) -> Array:
 
 def _three(
     rng: np.random.Generator, corners: Array, middle: Array, line: Array
-) -> PinGrasp | None:
+) -> SampledGrasp | None:
     """Three pins that close on `middle`, the first against `line`."""
-    normal = _leaning(rng, line, np.pi)
-    normal -= (normal @ line) * line
-    normal /= np.linalg.norm(normal)
+    normal = _across(rng, line)
     places, axes = [], []
     for turn in np.radians([0.0, 120.0, 240.0]):
         outward = -np.cos(turn) * line + np.sin(turn) * np.cross(normal, line)
@@ -87,7 +91,14 @@ def _three(
             return None
         places.append(found)
         axes.append(-outward)
-    return PinGrasp(np.stack(places), np.stack(axes))
+    return SampledGrasp(np.stack(places), np.stack(axes), normal)
+
+
+def _across(rng: np.random.Generator, line: Array) -> Array:
+    """A random unit vector across a line."""
+    normal = _leaning(rng, line, np.pi)
+    normal -= (normal @ line) * line
+    return np.asarray(normal / np.linalg.norm(normal))
 
 
 def _leaves(corners: Array, start: Array, line: Array) -> Array | None:

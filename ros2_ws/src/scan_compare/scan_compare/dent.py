@@ -39,6 +39,16 @@ EXTRAPOLATION_SHARE = 0.09
 of the extrapolation: the plate is linear. Root mean square over solids that no recording shows
 (`tests/benchmarks/dent_depth.py --solids`)."""
 
+CENTRE_SIGMA = 0.5e-3
+"""How far [m] a pin stands beside the contact that the hand tells: its mounting, and a turn of the
+object that its undeformed region does not show."""
+
+CENTRE_ROUNDS = 3
+"""Rounds in which the pin is found beside its contact."""
+
+SLOPE_STEP = 0.02e-3
+"""Step [m] of the differences that give the slope of a dent."""
+
 BODY_ROUNDS = 10
 """Rounds of weighing in which the undeformed region settles on what moves as one body."""
 
@@ -348,8 +358,9 @@ def under_pin(
 ) -> tuple[float, float, float]:
     """Return the depth at the axis [m], its variance [m^2] and its rise in the hidden part [m].
 
-    across (n, 2), depth (n,): points around the pin [m]. The rise counts from `hidden` [m], or
-    from two pin radii where more is seen.
+    across (n, 2), depth (n,): points around the pin [m]. The pin may stand beside the axis: off
+    its centre a dent is less deep, so a wrong axis would always tell too little. The rise counts
+    from `hidden` [m], or from two pin radii where more is seen.
     """
     h = wall.thickness
     pin: PressedPin = pressed_pin(round(pin_radius / h, 6))
@@ -358,21 +369,45 @@ def under_pin(
     def fields(radius: np.ndarray) -> np.ndarray:
         return pin.fields(np.maximum(radius, pin_radius) / h, bed)
 
-    terms = np.column_stack((fields(np.hypot(*across.T)), across / h))
-    solution, covariance = _trimmed_fit(terms, depth)
-    at_axis = np.concatenate((pin.depth, [0.0, 0.0]))
+    centre = np.zeros(2)
+    for _ in range(CENTRE_ROUNDS):
+        aside = across - centre
+        radius = np.hypot(*aside.T)
+        terms = np.column_stack((fields(radius), aside / h))
+        level = _trimmed_fit(terms, depth)[0][:3]
+        # How the depth changes as the pin moves sideways.
+        slope = (fields(radius + SLOPE_STEP) - fields(radius - SLOPE_STEP)) @ level
+        moved = -slope[:, None] / (2.0 * SLOPE_STEP) * aside / np.maximum(radius, 1e-6)[:, None]
+        solution, covariance = _trimmed_fit(
+            np.column_stack((terms, moved)), depth, (-centre, CENTRE_SIGMA)
+        )
+        centre = np.clip(centre + solution[-2:], -2.0 * CENTRE_SIGMA, 2.0 * CENTRE_SIGMA)
+    at_axis = np.concatenate((pin.depth, np.zeros(4)))
     apex = float(at_axis @ solution)
     ring = float(fields(np.array([max(hidden, 2.0 * pin_radius)]))[0] @ solution[:3])
     return apex, float(at_axis @ covariance @ at_axis), abs(apex - ring)
 
 
-def _trimmed_fit(terms: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return coefficients (k,) and covariance (k, k); points of a scanned pin are trimmed."""
+def _trimmed_fit(
+    terms: np.ndarray, depth: np.ndarray, last: tuple[np.ndarray, float] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return coefficients (k,) and covariance (k, k); points of a scanned pin are trimmed.
+
+    last: what is known of the last coefficients before, and its standard deviation.
+    """
     keep = np.ones(len(depth), bool)
+    known = np.zeros((0, terms.shape[1])) if last is None else np.eye(terms.shape[1])[-2:]
+    rows, target, noise = terms, depth, 0.0
     for _ in range(3):
-        solution = np.linalg.lstsq(terms[keep], depth[keep], rcond=None)[0]
+        if last is not None:
+            # The prior weighs against the scatter of single points.
+            rows = np.concatenate((terms[keep], noise / last[1] * known))
+            target = np.concatenate((depth[keep], noise / last[1] * last[0]))
+        else:
+            rows, target = terms[keep], depth[keep]
+        solution = np.linalg.lstsq(rows, target, rcond=None)[0]
         residual = depth - terms @ solution
         spread = 1.4826 * float(np.median(np.abs(residual[keep])))
         keep = np.abs(residual) <= 4.0 * max(spread, 1e-9)
-    variance = float(np.mean(residual[keep] ** 2))
-    return solution, variance * np.linalg.pinv(terms[keep].T @ terms[keep])
+        noise = float(np.sqrt(np.mean(residual[keep] ** 2)))
+    return solution, noise**2 * np.linalg.pinv(rows.T @ rows)

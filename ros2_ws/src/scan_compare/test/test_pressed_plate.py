@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from scan_compare.dent import Wall, under_pin
 from scan_compare.pressed_plate import bed_of, face_compliance, pressed_pin, shallow_shell
 
 RADII = np.array([0.1, 0.5, 1.0, 2.0])
@@ -99,3 +100,24 @@ def test_the_bed_does_not_depend_on_how_the_axes_lie() -> None:
     turn = np.array([[c, -s], [s, c]])
     curved = np.diag([0.08, 0.02])
     assert bed_of(turn @ curved @ turn.T) == pytest.approx(bed_of(curved), rel=1e-12)
+
+
+@pytest.mark.parametrize('beside', [0.0, 0.6e-3])
+def test_a_pin_beside_its_contact_is_found_and_its_dent_is_not_told_too_shallow(
+    beside: float,
+) -> None:
+    h, pin, curved = 2.5e-3, 1e-3, np.eye(2) / 32.5e-3
+    radius = np.sqrt(np.linspace((2e-3) ** 2, (7e-3) ** 2, 2_000))
+    turn = 2.4 * np.arange(2_000)
+    around = radius[:, None] * np.column_stack((np.cos(turn), np.sin(turn)))
+    plate = pressed_pin(pin / h)
+    planted = np.array([4e-3, -0.55e-3, 0.3e-3])
+    depth = plate.fields(radius / h, bed_of(h * curved)) @ planted
+    across = around + [beside, 0.5 * beside]
+    near = np.hypot(*across.T) < 6e-3
+    apex, variance, rise = under_pin(
+        across[near], depth[near], 2e-3, Wall(h, pin, 0.0, curved), pin
+    )
+    assert apex == pytest.approx(plate.depth @ planted, abs=5e-6)
+    assert variance < (5e-6) ** 2
+    assert rise > 0.2e-3

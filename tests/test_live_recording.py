@@ -16,6 +16,7 @@ from shell_deform.building import build_model
 from shell_deform.live.tick.rehearsal import Rehearsal
 from shell_deform.node.parameters import PARAMETERS, settings
 from shell_deform.objects import load_object
+from shell_deform.theory import DEFAULT_THEORY
 
 BAG = Path(__file__).resolve().parent.parent / 'bags' / 'tennis_ball_two_finger'
 SCANNER_M = 0.127e-3
@@ -61,7 +62,7 @@ def answers(domain_id, start):
 def test_a_replayed_hold_is_served_as_the_converged_answer_offline(answers):
     recording = read_recording(BAG)
     live = Rehearsal(
-        build_model(load_object('tennis_ball')),
+        build_model(load_object('tennis_ball'), DEFAULT_THEORY),
         settings({one.name: one.default for one in PARAMETERS}),
     )
     apart = []

@@ -102,7 +102,7 @@ def fitting_theory(shell_object: ShellObject, model: ShellModel) -> tuple[str, s
     )
     if excess <= WORTH_A_THICK_WALL:
         return KOITER, measured
-    if any(contact.kind != 'pin' for contact in shell_object.contacts):
+    if shell_object.grips or any(contact.kind != 'pin' for contact in shell_object.contacts):
         return KOITER, f'{measured}, but more than pins press on it'
     return THICK, measured
 

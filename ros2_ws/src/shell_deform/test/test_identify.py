@@ -249,6 +249,7 @@ def test_command_prints_what_it_found(tmp_path, capsys):
     table, plot = tmp_path / 'squeeze.csv', tmp_path / 'squeeze.png'
     table.write_text('force_n,displacement_m\n10.631,0.00256\n16.503,0.00605\n')
     command = [str(table), '--object', 'tennis_ball', '--plot', str(plot), '--json']
+    command += ['--theory', 'koiter']
     assert shell_identify.main(command) == 0
     result = json.loads(capsys.readouterr().out)
     assert result['parameters']['young_modulus_pa']['value'] == pytest.approx(13e6, rel=0.05)

@@ -132,6 +132,20 @@ def test_the_ball_under_a_pin_is_as_stiff_as_the_solid(ball):
         assert state.force == pytest.approx([force, force], rel=0.022)
 
 
+def test_a_dent_that_outgrows_the_shear_around_its_pins_gets_more_of_it(ball, squeezed):
+    model, state = squeezed
+    shell = model.shell
+    assert shell.widened(3.9 * THICKNESS) is shell
+    wider = shell.widened(4.1 * THICKNESS)
+    assert set(shell.sheared) < set(wider.sheared)
+    assert wider.widened(4.1 * THICKNESS) is wider
+    solver = EquilibriumSolver(model)
+    deep = solver.solve(displaced(object_contacts(ball, model, 1e-3), [10.3e-3] * 2), state)
+    assert deep.converged
+    assert_allclose(solver.model.shell.sheared, wider.sheared)
+    assert len(deep.unknowns) == len(wider.start)
+
+
 def test_force_and_travel_control_find_the_same_state(ball, model, squeezed):
     _, state = squeezed
     solver = EquilibriumSolver(model)
@@ -219,6 +233,18 @@ def test_auto_takes_the_thick_wall_for_the_ball_and_koiters_for_the_can():
     assert build_model(load_object('tennis_ball'), 'auto', control_vertices=100).theory == 'thick'
     can = build_model(load_object('half_soda_can'), 'auto', control_vertices=200)
     assert can.theory == 'koiter'
+
+
+def test_auto_takes_koiters_where_a_grip_holds_the_wall_and_says_so(tmp_path):
+    path = tmp_path / 'tube.yaml'
+    path.write_text(
+        'name: tube\nsurface: {cylinder: {outer_diameter_m: 0.05, length_m: 0.1, ends: open}}\n'
+        'thickness_m: 0.002\nyoung_modulus_pa: 1.0e+6\npoisson_ratio: 0.45\n'
+        'contacts: [{kind: grip, where: lower}, {kind: grip, where: upper}]\n'
+    )
+    model = build_model(load_object(path), 'auto', control_vertices=60)
+    assert model.theory == 'koiter'
+    assert 'but more than pins press on it' in model.reason
 
 
 def test_the_stresses_of_a_sphere_under_pressure_are_those_of_a_thick_wall(ball):

@@ -26,6 +26,7 @@ from barrett_hand_bridge.motion import (
 )
 from barrett_hand_bridge.observer import FingerReading, Observation
 from grasp_common.messages import cloud, header, point_fields
+from grasp_common.terminal import printable
 
 CONTACT_TYPE = np.dtype(
     [
@@ -120,7 +121,9 @@ def tolerances(request: Any, names: Sequence[str]) -> tuple[dict[int, float], fl
     motors = _motors(names)
     for one in (*request.path_tolerance, *request.goal_tolerance):
         if one.name not in motors or not 0.0 <= one.position < math.inf:
-            raise MotionError(f'tolerance {one.position} of joint {one.name!r} cannot be used')
+            raise MotionError(
+                f'tolerance {one.position} of joint {printable(one.name, 80)} cannot be used'
+            )
     path = {motors[one.name]: float(one.position) for one in request.path_tolerance}
     goal = [float(one.position) for one in request.goal_tolerance if one.position > 0.0]
     after = request.goal_time_tolerance
@@ -198,7 +201,7 @@ def commanded_positions(message: JointState, names: Sequence[str]) -> dict[int, 
     if unknown or len(set(message.name)) != len(message.name):
         allowed = ', '.join(motors)
         raise MotionError(
-            f'commands for {", ".join(map(repr, message.name[:8]))}: each of {allowed} can be '
+            f'commands for {printable(", ".join(message.name), 80)}: each of {allowed} can be '
             'commanded, once'
         )
     if len(message.position) != len(message.name):
@@ -230,7 +233,9 @@ def trajectory_points(message: JointTrajectory, names: Sequence[str]) -> list[Tr
     if unknown or not message.joint_names:
         allowed = ', '.join(motors)
         named = unknown[0] if unknown else '(none)'
-        raise MotionError(f'trajectory for joint {named!r}: only {allowed} can be commanded')
+        raise MotionError(
+            f'trajectory for joint {printable(named, 80)}: only {allowed} can be commanded'
+        )
     points = []
     for number, point in enumerate(message.points, start=1):
         if len(point.positions) != len(message.joint_names):

@@ -122,7 +122,7 @@ def tolerances(request: Any, names: Sequence[str]) -> tuple[dict[int, float], fl
     for one in (*request.path_tolerance, *request.goal_tolerance):
         if one.name not in motors or not 0.0 <= one.position < math.inf:
             raise MotionError(
-                f'tolerance {one.position} of joint {printable(one.name, 80)} cannot be used'
+                f"tolerance {one.position} of joint '{printable(one.name, 80)}' cannot be used"
             )
     path = {motors[one.name]: float(one.position) for one in request.path_tolerance}
     goal = [float(one.position) for one in request.goal_tolerance if one.position > 0.0]
@@ -234,7 +234,7 @@ def trajectory_points(message: JointTrajectory, names: Sequence[str]) -> list[Tr
         allowed = ', '.join(motors)
         named = unknown[0] if unknown else '(none)'
         raise MotionError(
-            f'trajectory for joint {printable(named, 80)}: only {allowed} can be commanded'
+            f"trajectory for joint '{printable(named, 80)}': only {allowed} can be commanded"
         )
     points = []
     for number, point in enumerate(message.points, start=1):

@@ -27,7 +27,7 @@ from shell_deform.grasp.contacts import GraspContacts
 from shell_deform.grasp.reading import Response, WallReader, WallState, body_mass, wall_reader
 from shell_deform.grasp.touching import read_grasp, touched_response
 from shell_deform.live.background.answer import Answer, write
-from shell_deform.live.background.condensed import CondensedSystem, contact_rows
+from shell_deform.live.background.condensed import Condensed, CondensedSystem, contact_rows
 from shell_deform.live.background.condensed_bodies import Touched, condense, touches_of
 from shell_deform.live.background.contact_tracking import Touch
 from shell_deform.live.background.energy_density import EnergyDensity
@@ -113,6 +113,7 @@ class FingertipSolver:
         self._load: Load | None = None
         self._pose: Pose | None = None
         self._small: SmallLoads | None = None
+        self._untouched: Condensed | None = None
         self._linear = np.zeros((len(model.rest), 3, 0))
         self.share, self.seconds, self.message, self._refused = 1.0, 0.0, '', ''
         self.motion = None
@@ -183,7 +184,7 @@ class FingertipSolver:
         )
 
     def _let_go(self) -> None:
-        self._held = self._pose = self._small = None
+        self._held = self._pose = self._small = self._untouched = None
         self._second.forget()
         self.share, self.message, self._refused = 1.0, '', ''
         self.pins.generation += 1
@@ -217,9 +218,13 @@ class FingertipSolver:
         found = replace(found, touches=touches_of(self._solver, case, found))
         near = self._solver.known if load.hurried else None
         touched = condense(self._solver, case, found, self._mass, near)
-        columns = self._columns(fingers, found, touched)
         if anew:
-            self._begin(fingers, columns)
+            self._begin(fingers)
+        if self._untouched is not None and np.all(np.abs(found.force) < SMALLEST_PUSH):
+            # Until a body presses, what it is about to do is what a pin does there.
+            rigid = np.zeros(len(self._untouched.rigid_reaction))
+            touched = replace(touched, condensed=self._untouched, rigid=rigid)
+        columns = self._columns(fingers, found, touched)
         doubt = self._learn(None if anew else self._held, fingers, case, columns)
         model = self._solver.model
         grasp = read_grasp(model, case.contacts, found, load.friction)
@@ -324,16 +329,17 @@ class FingertipSolver:
             np.concatenate([state.force, across, touched.rigid, [0.0]]),
         )
 
-    def _begin(self, fingers: tuple[Finger, ...], columns: Columns) -> None:
+    def _begin(self, fingers: tuple[Finger, ...]) -> None:
         """Other contacts: linear theory from rest for pins at their places."""
         self.pins.generation += 1
         model, unloaded = self.model, self.pins.unloaded
         rows = contact_rows(model, tuple(finger.pin for finger in fingers))
         tangent, factor = self.pins.tracker.rest_tangent(unloaded)
+        system = CondensedSystem(factor, tangent, rows)
+        self._untouched = system.condense()
         self._small = small_loads(
-            model, model.shell.continued(model.shell, unloaded),
-            CondensedSystem(factor, tangent, rows), rows,
-        )  # fmt: skip
+            model, model.shell.continued(model.shell, unloaded), system, rows
+        )
         self._linear = model.surface.limit_fields(self._small.fields)
         self._second.forget()
 

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recorded fingertips: what the node reads of them, and the shell beside the solid."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from grasp_replay.bag_reader import open_bag
+from shell_deform.building import build_model, object_contacts
+from shell_deform.contact.body_file import load_body
+from shell_deform.contact.taxels import cell_forces
+from shell_deform.live.tick.contact_cloud import ContactReader
+from shell_deform.live.tick.touch_check import TouchCells, check_cells
+from shell_deform.objects import load_object
+from shell_deform.objects.finger_files import find_body
+from shell_deform.solve.equilibrium import displaced
+from shell_deform.solve.newton import EquilibriumSolver
+
+ROOT = Path(__file__).resolve().parents[1] / 'bags'
+BAG = ROOT / 'ball_fingertips'
+
+
+def body(name: str):
+    path = find_body(name, Path.cwd())
+    assert path is not None
+    return load_body(path)
+
+
+def test_contacts_and_cells_of_the_recording_are_what_the_node_takes() -> None:
+    facts = yaml.safe_load((BAG / 'experiment.yaml').read_text())
+    tip, reader = body(facts['finger_body']), ContactReader()
+    samples, pushes = [], []
+    with open_bag(BAG) as bag:
+        assert not bag.notes
+        for message in bag.messages(['/hand/contacts', '/hand/tactile']):
+            cloud = bag.decode(message)
+            if message.topic == '/hand/contacts':
+                samples.append(reader.read(cloud, message.log_time))
+                continue
+            rows = np.frombuffer(bytes(cloud.data), '<f4').reshape(-1, 3)
+            whose = rows[:, :2].astype(int)
+            check_cells(TouchCells(message.log_time, *whose.T, rows[:, 2]), {0: tip})
+            pushes.append(rows[whose[:, 0] == 1, 2].sum())
+    assert len(samples) == len(pushes) == 450
+    last = samples[-1]
+    assert last.travel[0] == pytest.approx(1.2e-3)
+    assert np.abs(last.along[0, 1]) == pytest.approx(np.sin(0.12), rel=1e-6)
+    # The cells of a finger together feel what its gauge does, both with their noise.
+    push = np.array([np.linalg.norm(sample.force[0]) for sample in samples])
+    assert np.abs(push - pushes).max() < 6 * np.hypot(0.1, 0.02 * np.sqrt(24))
+
+
+def test_a_shell_between_the_fingers_feels_what_the_solid_does() -> None:
+    truth = yaml.safe_load((BAG / 'truth.yaml').read_text())
+    tip = body('barrett_fingertip')
+    ball = load_object(str(BAG / 'object.yaml'))
+    model = build_model(ball, control_vertices=300)
+    contacts = object_contacts(ball, model)
+    solver, state, found = EquilibriumSolver(model), None, []
+    states = truth['states'][1::2]
+    for kept in states:
+        motion = np.zeros((2, 6))
+        motion[:, 3] = kept['turn_rad'] * np.array([1.0, -1.0])
+        case = replace(displaced(contacts, [kept['depth_m']] * 2), motion=motion)
+        state = solver.solve(case, state)
+        touch = state.touches[0]
+        found.append((state.force[0], touch.moment(touch.pose.origin)[0]))
+        cells = -cell_forces(touch, tip.cells)[:, 2]
+        assert cells.sum() == pytest.approx(state.force[0], rel=0.02)
+        # The loaded cells are the solid's.
+        assert np.argmax(cells) == np.argmax(kept['cells_n'])
+    push = [-kept['force_n'][0] for kept in states]
+    np.testing.assert_allclose([row[0] for row in found], push, rtol=0.03)
+    slipped, torque = found[-1][1], truth['states'][-1]['torque_nm'][0]
+    assert slipped == pytest.approx(torque, rel=0.15)
+
+
+def test_the_solid_holds_what_turns_until_friction_is_used_up() -> None:
+    states = json.loads((ROOT / 'solid/ball_fingertips.json').read_text())['states']
+    torque = np.array([state['torque_nm'][0] for state in states])
+    turning = torque[4:]
+    assert turning[0] < 0.75 * turning[-1]
+    assert np.ptp(turning[-3:]) < 0.005 * turning[-1]

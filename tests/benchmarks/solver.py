@@ -43,7 +43,8 @@ from shell_deform.contact.loads import ContactPatch  # noqa: E402
 from shell_deform.model import ShellModel  # noqa: E402
 from shell_deform.objects.targets import SphereTarget  # noqa: E402
 from shell_deform.solve.equilibrium import LoadCase, displaced  # noqa: E402
-from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions  # noqa: E402
+from shell_deform.solve.newton import EquilibriumSolver  # noqa: E402
+from shell_deform.solve.step_system import NewtonOptions  # noqa: E402
 from shell_deform.supports import joined, symmetry  # noqa: E402
 from shell_deform.surface.control_mesh import control_mesh  # noqa: E402
 from shell_deform.surface.fit import fit_limit_surface, interpolating  # noqa: E402

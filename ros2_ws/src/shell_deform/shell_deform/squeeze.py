@@ -35,7 +35,8 @@ from shell_deform.picture import surface_figure
 from shell_deform.readout import Readout, read_out, thickness_warning, von_mises
 from shell_deform.solve.equilibrium import End, Equilibrium, LoadCase, displaced, forced
 from shell_deform.solve.first_touch import first_touch
-from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.step_system import NewtonOptions
 from shell_deform.theory import DEFAULT_THEORY
 
 if TYPE_CHECKING:

@@ -7,8 +7,9 @@ from scipy.linalg import eigh
 
 from shell_deform.solve.continuation import ArcLengthOptions, follow_path
 from shell_deform.solve.equilibrium import displaced, forced
-from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.solve.stability import snap_margin
+from shell_deform.solve.step_system import NewtonOptions
 from shell_deform.verification import snap
 from shell_deform.verification.linear_course import unheld
 

@@ -11,7 +11,8 @@ from shell_deform.live.background.condensed import contact_rows
 from shell_deform.model import ShellModel
 from shell_deform.objects.shell_object import Revolution, ShellObject
 from shell_deform.solve.equilibrium import End, displaced, forced
-from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.step_system import NewtonOptions
 from shell_deform.surface.control_mesh import control_mesh
 from shell_deform.theory.material import Material
 

@@ -13,7 +13,8 @@ from shell_deform.objects import load_object
 from shell_deform.solve.equilibrium import LoadCaseError, displaced, forced
 from shell_deform.solve.first_touch import first_touch
 from shell_deform.solve.hold import TimedSolver, hold_times
-from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.step_system import NewtonOptions
 from shell_deform.theory.relaxation import RelaxationError, log_law
 
 LAW = log_law(0.05, 0.1, 1000.0)

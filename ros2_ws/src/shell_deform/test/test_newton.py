@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from shell_deform.solve.equilibrium import LoadCaseError, displaced, forced
-from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.step_system import NewtonOptions
 from shell_deform.theory.gas import Gas
 
 # Force per pole [N] at pole displacement [mm], E 1 MPa, R 31.25, h 2.5, nu 0.5, pin radius 2 mm:

@@ -14,8 +14,9 @@ from shell_deform.objects import load_object
 from shell_deform.objects.loader import ObjectError
 from shell_deform.objects.shell_object import Contact, ShellObject, Sphere
 from shell_deform.solve.equilibrium import LoadCaseError, displaced, forced
-from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.solve.stability import snap_margin
+from shell_deform.solve.step_system import NewtonOptions
 from shell_deform.verification import plates as verification_plates
 
 

@@ -438,11 +438,15 @@ class ThickShell(Discretisation):
 
     def outer_face(self, positions: Array) -> Array:
         """(n, 3) points of the outer face over the limit positions of the vertices [m]."""
-        return self._outer_face.at(positions)
+        states = self.point_states(positions, np.arange(len(self.weights)))
+        heights = 0.5 * self.thickness
+        if states is not None:
+            heights = self.thickness * (0.5 * states[:, 0] + 0.25 * states[:, 1])
+        return self._outer_face.at(positions, heights)
 
     @cached_property
     def _outer_face(self) -> ThickOuterFace:
-        return ThickOuterFace(self)
+        return ThickOuterFace(self, self.basis, self.wall, self.sheared)
 
 
 def thick_shell(

@@ -27,7 +27,8 @@ from shell_deform.picture import surface_figure
 from shell_deform.readout import read_out
 from shell_deform.solve.equilibrium import Equilibrium, displaced, forced
 from shell_deform.solve.first_touch import first_touch
-from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.step_system import NewtonOptions
 from shell_deform.squeeze import finger_readings, warnings_of
 
 Array = NDArray[np.float64]

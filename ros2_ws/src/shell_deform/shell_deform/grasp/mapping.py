@@ -29,7 +29,8 @@ from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject, load_object
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, displaced, forced
 from shell_deform.solve.first_touch import FirstTouchError, first_touch
-from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.step_system import NewtonOptions
 
 Array = NDArray[np.float64]
 

@@ -7,23 +7,19 @@ slips grows with the pressure, which it leaves out, is put in by iterating each 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.contact.contact_field import ContactField, Press
 from shell_deform.factor.analysis import FactorError
-from shell_deform.factor.base import Factor
 from shell_deform.factor.bordered import BorderedFactor
 from shell_deform.model import Tangent
 from shell_deform.solve.borders import Borders
 from shell_deform.solve.equilibrium import Equilibrium
 from shell_deform.solve.prediction import StepLoads
-
-if TYPE_CHECKING:
-    from shell_deform.solve.newton_step import StepSolver
+from shell_deform.solve.step_system import Known, StepSystem
 
 Array = NDArray[np.float64]
 
@@ -41,25 +37,11 @@ FREE_ITERATIONS = 6
 OVERSHOOT, MOST_CUTS, SMALLEST_CUT, UNCUT_BELOW = 0.5, 5, 0.1, 1e-3
 
 
-@dataclass(frozen=True)
-class Known:
-    """A factorised tangent of a shell that bodies touch, near a state.
-
-    Attributes:
-        tangent: with the bodies' part. factor: of its stiffness, springs added. press: what the
-            bodies do there.
-    """
-
-    tangent: Tangent
-    factor: Factor
-    press: Press
-
-
 class ContactStep:
     """One load step from a state; `run` takes it."""
 
     def __init__(
-        self, solver: StepSolver, bordering: Borders, field: ContactField, loads: StepLoads
+        self, solver: StepSystem, bordering: Borders, field: ContactField, loads: StepLoads
     ) -> None:
         self._solver, self._bordering, self._field, self._loads = solver, bordering, field, loads
         self._model, self._options = solver.model, solver.options

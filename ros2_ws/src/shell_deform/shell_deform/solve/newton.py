@@ -16,8 +16,9 @@ from shell_deform.solve.borders import Borders, borders, negative_directions
 from shell_deform.solve.contact_step import touched_tangent
 from shell_deform.solve.continuation import carried_on
 from shell_deform.solve.equilibrium import End, Equilibrium, LoadCase, PathState
-from shell_deform.solve.newton_step import NewtonOptions, StepSolver
+from shell_deform.solve.newton_step import StepSolver
 from shell_deform.solve.prediction import StepLoads, control_of, predicted
+from shell_deform.solve.step_system import NewtonOptions
 from shell_deform.supports.grips import carried_as_one, longest_share, poses_and_wrenches
 from shell_deform.theory import is_linear
 

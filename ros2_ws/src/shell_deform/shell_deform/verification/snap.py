@@ -20,7 +20,8 @@ from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
 from shell_deform.solve.continuation import ArcLengthOptions, Path, follow_path
 from shell_deform.solve.equilibrium import LoadCase, forced
-from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.step_system import NewtonOptions
 from shell_deform.supports import hold_position, joined, symmetry
 from shell_deform.theory.material import Material
 from shell_deform.verification.grid_surface import fine_at_start, grid_surface

@@ -18,7 +18,8 @@ from shell_deform.assemble.discretisation import discretise
 from shell_deform.contact.loads import ContactPatch, line_load
 from shell_deform.model import ShellModel
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, forced, gripped
-from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.step_system import NewtonOptions
 from shell_deform.supports import clamp, hold_slope, joined, symmetry
 from shell_deform.supports.grips import grip
 from shell_deform.theory.material import Material

@@ -26,7 +26,8 @@ from shell_deform.model import ShellModel
 from shell_deform.objects import Contact, GripPlace, ShellObject
 from shell_deform.objects.shell_object import Cylinder
 from shell_deform.solve.equilibrium import Equilibrium, displaced, gripped
-from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.step_system import NewtonOptions
 from shell_deform.supports import hold_position, joined, symmetry
 from shell_deform.supports.grips import arc_motion, grip, turned_together
 from shell_deform.surface.control_mesh import ControlMesh, control_mesh, moved

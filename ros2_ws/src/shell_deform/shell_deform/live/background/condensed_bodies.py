@@ -19,9 +19,10 @@ from shell_deform.grasp.reading import body_loads
 from shell_deform.grasp.touching import Standing
 from shell_deform.live.background.condensed import HELD_ROWS, LATERAL_ROWS, Condensed
 from shell_deform.solve.borders import bordered, borders, negative_directions
-from shell_deform.solve.contact_step import Known, touched_tangent
+from shell_deform.solve.contact_step import touched_tangent
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase
 from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.step_system import Known
 
 Array = NDArray[np.float64]
 

@@ -44,7 +44,8 @@ from shell_deform.live.exchange import DRIVE_FORCE, MAX_CONTACTS, Slot
 from shell_deform.live.pose import Pose
 from shell_deform.model import ShellModel
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, forced
-from shell_deform.solve.newton import EquilibriumSolver, NewtonOptions
+from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.step_system import NewtonOptions
 
 Array = NDArray[np.float64]
 

@@ -14,13 +14,15 @@ import rclpy
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 from tests.odd_messages import NUMBERS, TEXTS, OddMessages
 
 SOAK = bool(os.environ.get('SOAK'))
 MESSAGES = 4_000 if SOAK else 60
 PATIENCE_S = 20.0
+# Latched topics take nothing from a publisher that is not.
+REACHES_ALL = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # What every node listens to by itself, and what only a player of bags sends.
 NOT_OURS = ('/parameter_events', '/clock')
 NODES = {
@@ -74,7 +76,7 @@ class Sender:
             package, _, kind = kinds[0].split('/')
             if topic not in NOT_OURS and not topic.endswith('/_action/feedback'):
                 made = getattr(importlib.import_module(f'{package}.msg'), kind)
-                found[topic] = self.node.create_publisher(made, topic, QoSProfile(depth=50)), made
+                found[topic] = self.node.create_publisher(made, topic, REACHES_ALL), made
         return found
 
     def answers(self, name):

@@ -71,6 +71,13 @@ def status_name(node: Node, part: str = '') -> str:
     return f'{name}: {part}' if part else name
 
 
+class QuietExecutor(SingleThreadedExecutor):
+    """rclpy's, which leaves without a word also where a signal came while it was made."""
+
+    # Its __del__ asks for this, which a constructor that was broken off has not set.
+    _sigint_gc = None  # type: ignore[assignment]  # rclpy itself sets it to None at the end
+
+
 def end_by_signals() -> None:
     """Let rclpy's own handlers end the context: on SIGINT and SIGTERM, and so on SIGHUP.
 
@@ -118,7 +125,7 @@ def run_node(
     node: Owner | None = None
     try:
         rclpy.init(args=[program, *everything])
-        executor = SingleThreadedExecutor()
+        executor = QuietExecutor()
         node = make()
         executor.add_node(node)  # type: ignore[arg-type]  # a Node that can be closed
         serve(node, executor)

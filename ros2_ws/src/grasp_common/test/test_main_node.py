@@ -10,6 +10,9 @@ import time
 from pathlib import Path
 
 import pytest
+import rclpy
+
+from grasp_common import main_node
 
 PROGRAM = Path(__file__).with_name('small_node.py')
 
@@ -96,3 +99,17 @@ def test_wrong_arguments_are_one_sentence(
 def test_help_needs_no_ros_graph() -> None:
     code, text = ended('--help')
     assert code == 0 and 'speed (default 1.0)' in text
+
+
+def test_an_executor_whose_making_a_signal_broke_off_goes_without_a_word(
+    domain_id: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    complaints: list[object] = []
+    monkeypatch.setattr(sys, 'unraisablehook', complaints.append)
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    rclpy.shutdown(context=context)
+    # rclpy raises whatever comes to it in a context that has ended.
+    with pytest.raises((TypeError, RuntimeError)):
+        main_node.QuietExecutor(context=context)
+    assert complaints == []

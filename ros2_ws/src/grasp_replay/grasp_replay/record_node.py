@@ -16,7 +16,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -25,6 +25,7 @@ from grasp_common.command_line import parse
 from grasp_common.main_node import (
     WRONG_PARAMETERS,
     WRONG_ROS_ARGUMENTS,
+    QuietExecutor,
     end_by_signals,
     status_name,
 )
@@ -221,10 +222,10 @@ def _record(
     end_by_signals()
     rclpy.init(args=['record', *ros_arguments])
     node: RecordNode | None = None
-    executor: SingleThreadedExecutor | None = None
+    executor: QuietExecutor | None = None
     try:
         node = RecordNode(directory, selection, options)
-        executor = SingleThreadedExecutor()
+        executor = QuietExecutor()
         executor.add_node(node)
         print(f'recording into {directory}', file=sys.stderr, flush=True)
         _spin(node, executor, options.duration)
@@ -267,7 +268,7 @@ def _record(
     return 0
 
 
-def _spin(node: RecordNode, executor: SingleThreadedExecutor, duration: float | None) -> None:
+def _spin(node: RecordNode, executor: QuietExecutor, duration: float | None) -> None:
     """Record until a signal, a failure, or `duration` s are over."""
     start = time.monotonic()
     try:

@@ -11,13 +11,18 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
-from grasp_common.main_node import WRONG_PARAMETERS, WRONG_ROS_ARGUMENTS, end_by_signals
+from grasp_common.main_node import (
+    WRONG_PARAMETERS,
+    WRONG_ROS_ARGUMENTS,
+    QuietExecutor,
+    end_by_signals,
+)
 from grasp_common.terminal import complain, progress_bar
 from grasp_replay.arguments_node import split_ros_arguments
 from grasp_replay.bag import Bag
@@ -105,12 +110,14 @@ def _replay(bag: Bag, options: ReplayOptions, ros_arguments: list[str]) -> int:
     sys.setswitchinterval(SWITCH_SECONDS)
     end_by_signals()
     rclpy.init(args=['replay', *ros_arguments])
-    executor = SingleThreadedExecutor()
-    services = threading.Thread(target=_spin, args=(executor,), name='services', daemon=True)
+    executor: QuietExecutor | None = None
+    services: threading.Thread | None = None
     node: ReplayNode | None = None
     try:
+        executor = QuietExecutor()
         node = ReplayNode(bag, options, ros_arguments)
         executor.add_node(node)
+        services = threading.Thread(target=_spin, args=(executor,), name='services', daemon=True)
         services.start()
         lockstep = None
         if options.lockstep:
@@ -128,15 +135,16 @@ def _replay(bag: Bag, options: ReplayOptions, ros_arguments: list[str]) -> int:
     finally:
         rclpy.try_shutdown()
         # The executor wakes and ends with the context; it must not lose its parts while it spins.
-        if services.is_alive():
+        if services is not None:
             services.join()
-        executor.shutdown()
+        if executor is not None:
+            executor.shutdown()
         if node is not None:
             node.senders.close()
             node.destroy_node()
 
 
-def _spin(executor: SingleThreadedExecutor) -> None:
+def _spin(executor: QuietExecutor) -> None:
     try:
         with suppress(ExternalShutdownException):
             executor.spin()

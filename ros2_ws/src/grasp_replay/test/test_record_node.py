@@ -108,7 +108,8 @@ def test_an_interrupt_while_it_starts_ends_it_without_a_traceback(
     time.sleep(seconds)
     record.process.send_signal(signal.SIGINT)
     record.ended()
-    assert 'Traceback' not in record.text
+    # On a starved machine it comes before Python itself is up, which then complains.
+    assert 'Traceback' not in record.text or 'Fatal Python error: init' in record.text
     assert record.process.returncode in (0, -signal.SIGINT)
 
 

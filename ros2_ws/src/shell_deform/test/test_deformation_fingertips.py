@@ -6,7 +6,7 @@ from dataclasses import replace
 import live_hand
 import numpy as np
 import pytest
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import PointCloud2, PointField
 from test_deformation_node import Node, serving, wait
 
 STEP = 10_000_000
@@ -87,6 +87,26 @@ def test_a_squeeze_by_fingertips_is_served_with_its_touch_cells(node, hand):
     assert force[24:, 0].sum() > 1.0
 
 
+def felt(stamp, forces):
+    """`hand/tactile` of two fingers from the forces (48,) of their cells [N]."""
+    rows = np.zeros(48, np.dtype([(name, 'f4') for name in ('finger', 'cell', 'force')]))
+    rows['finger'], rows['cell'] = np.repeat([1, 2], 24), np.tile(np.arange(24), 2)
+    rows['force'] = forces
+    message = PointCloud2(
+        height=1,
+        width=48,
+        fields=[
+            PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
+            for k, name in enumerate(rows.dtype.names)
+        ],
+        point_step=12,
+        row_step=12 * 48,
+        data=rows.tobytes(),
+    )
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+    return message
+
+
 def test_in_lockstep_the_states_have_the_same_bytes_at_any_speed(node, hand):
     """A release between them clears what friction remembers."""
     runs = []
@@ -117,6 +137,36 @@ def test_a_finger_that_starts_inside_the_object_is_a_fault_in_one_sentence(node,
 
     number = refused(hand, inside, 'inside the object')
     assert len(played(hand, [squeeze(8e-4, 0.04, number)])) == 1
+
+
+def test_measured_cells_are_held_against_the_expected_ones_and_name_the_finger(node, hand):
+    publisher = hand.node.create_publisher(PointCloud2, 'hand/tactile', 10)
+    wait(hand, lambda: publisher.get_subscription_count() > 0)
+    played(hand, programme(20_000))
+    names = [field.name for field in hand.taxels[-1].fields]
+    cells = live_hand.packed(hand.taxels[-1])
+    force, normal = (cells[:, [names.index(name + axis) for axis in 'xyz']] for name in ('f', 'n'))
+    expected = np.einsum('ci,ci->c', force, normal)
+    numbers = iter(range(20_020, 30_000))
+
+    def told(forces, key, wanted):
+        """Cells and samples until the diagnostics say what is wanted."""
+
+        def sent():
+            number = next(numbers)
+            publisher.publish(felt(number * STEP, forces))
+            # A step and back: every load case is held against the cells.
+            played(hand, [squeeze(8e-4, 0.04 + 0.02 * (number % 2), number)])
+            return wanted(hand.diagnostics.get(key, ''))
+
+        wait(hand, sent)
+
+    told(expected, 'touch suspect', lambda said: said == '')
+    told(expected, 'touch contradiction', lambda said: said and float(said) < 1.0)
+    wrong = expected.copy()
+    wrong[24:] *= 2.0
+    told(wrong, 'touch suspect', lambda said: 'finger 2' in said)
+    told(np.full(48, np.nan), 'hand/tactile', lambda said: 'measures nan N' in said)
 
 
 @pytest.mark.parametrize(

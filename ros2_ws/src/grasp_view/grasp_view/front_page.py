@@ -48,9 +48,13 @@ def complete(page: str) -> str:
 
 
 class FrontPage:
-    """Completes the library's answers; `parts` gives the overlays' HTML by name, to a tab."""
+    """Completes the library's answers; `parts` gives the overlays' HTML by name.
 
-    def __init__(self, parts: Callable[[str], Parts]) -> None:
+    It is told the name of the tab that asks, and how high its picture is in pixels; '' and 0 where
+    it did not say.
+    """
+
+    def __init__(self, parts: Callable[[str, int], Parts]) -> None:
         self._parts = parts
         self._completed: dict[bytes, bytes] = {}
 
@@ -59,8 +63,10 @@ class FrontPage:
         place, _, query = path.partition('?')
         if place != OVERLAY_PATH:
             return None
-        tab = parse_qs(query).get('tab', [''])[0]
-        body = json.dumps(dict(self._parts(tab))).encode()
+        asked = {name: values[0] for name, values in parse_qs(query).items()}
+        height = asked.get('height', '')[:5]
+        parts = self._parts(asked.get('tab', ''), int(height) if height.isdecimal() else 0)
+        body = json.dumps(dict(parts)).encode()
         headers = {'Content-Type': 'application/json', 'Cache-Control': 'no-store'}
         return _response(200, 'OK', headers, body)
 

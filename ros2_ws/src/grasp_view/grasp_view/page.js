@@ -2,7 +2,7 @@
 // Overlays of the page, and its theme: the browser's, unless the visitor chose another.
 (() => {
   'use strict';
-  const PERIOD_MS = 250, LOST_AFTER = 8;
+  const PERIOD_MS = 250, LOST_AFTER = 8, HEADER_PX = 44;
   const wanted = matchMedia('(prefers-color-scheme: dark)');
   const chosen = () => { try { return localStorage.getItem('grasp-theme'); } catch { return null; } };
   const isDark = () => (chosen() || (wanted.matches ? 'dark' : 'light')) === 'dark';
@@ -11,6 +11,8 @@
   const tab = Array.from(crypto.getRandomValues(new Uint32Array(3)), n => n.toString(36)).join('');
   const tell = () => {
     document.cookie = `grasp_tab=${tab}; path=/; SameSite=Strict`;
+    const size = `${innerWidth}x${Math.max(innerHeight - HEADER_PX, 10)}`;
+    document.cookie = `grasp_window=${size}; path=/; SameSite=Strict`;
     document.cookie = `grasp_theme=${isDark() ? 'dark' : 'light'}; path=/; SameSite=Strict`;
     document.documentElement.classList.toggle('grasp-dark', isDark());
   };
@@ -62,7 +64,10 @@
     let missed = 0;
     const ask = async () => {
       try {
-        const answer = await (await fetch(`overlay?tab=${tab}`, { cache: 'no-store' })).json();
+        // The scene's is the highest, the plots have their own.
+        const heights = [...document.querySelectorAll('#root canvas')].map(e => e.clientHeight);
+        const asked = `overlay?tab=${tab}&height=${Math.max(0, ...heights)}`;
+        const answer = await (await fetch(asked, { cache: 'no-store' })).json();
         missed = 0;
         for (const [name, element] of Object.entries(parts)) {
           const now = answer[name] || '';

@@ -256,10 +256,11 @@ class Page:
             'probe': probe_html(reading),
         }
 
-    def _overlay(self, tab: str) -> dict[str, str]:
-        """What stands over the scene in that tab."""
+    def _overlay(self, tab: str, height: int) -> dict[str, str]:
+        """What stands over the scene in that tab, whose picture is so many pixels high."""
         visitor = self._visitors.of_tab(tab)
-        return {**self._parts, 'scale': '' if visitor is None else scale_html(visitor.pixel)}
+        bar = '' if visitor is None or not height else scale_html(visitor.reach / height)
+        return {**self._parts, 'scale': bar}
 
     def close(self) -> None:
         """Stop serving."""

@@ -25,6 +25,8 @@ STRIP = 212
 DARK_COOKIE = 'grasp_theme=dark'
 # By what name the tab of a browser asks for its overlays, which it also says.
 TAB_COOKIE = re.compile(r'grasp_tab=(\w+)')
+# The size of its picture in pixels.
+WINDOW_COOKIE = re.compile(r'grasp_window=(\d{2,5})x(\d{2,5})(?!\d)')
 
 
 @dataclass(frozen=True)
@@ -83,11 +85,11 @@ class Visitor:
         return right, np.cross(right, ahead), ahead
 
     @property
-    def pixel(self) -> float:
-        """Width of a pixel at the place looked at, in units of the scene."""
+    def reach(self) -> float:
+        """What the height of the picture is at the place looked at, in units of the scene."""
         camera = self.client.camera
         away = float(np.linalg.norm(np.asarray(camera.look_at) - np.asarray(camera.position)))
-        return 2.0 * away * float(np.tan(camera.fov / 2.0)) / max(camera.image_height, 1)
+        return 2.0 * away * float(np.tan(camera.fov / 2.0))
 
     def dress(self) -> None:
         """Theme and background as it wants them."""
@@ -111,9 +113,12 @@ class Visitors:
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
             camera = client.camera
-            window = Window(camera.image_width, camera.image_height)
             cookies = server.cookies(client)
-            tab = TAB_COOKIE.search(cookies)
+            tab, size = TAB_COOKIE.search(cookies), WINDOW_COOKIE.search(cookies)
+            # The library tells those of the display, of which a phone has two or three a pixel.
+            window = Window(
+                *(map(int, size.groups()) if size else (camera.image_width, camera.image_height))
+            )
             visitor = Visitor(client, window, DARK_COOKIE in cookies, tab[1] if tab else '')
             client.gui.main_panel.dock_right()
             client.gui.main_panel.set_width(MAIN_PANEL)

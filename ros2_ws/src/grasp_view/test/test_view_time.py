@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from grasp_view.plot_panel import marked, plottable
 from grasp_view.scale_bar import round_length, scale_html
 from grasp_view.time_series import History, TimeSeries
+from grasp_view.visitors import Visitor, Window
 
 
 def test_only_the_last_seconds_are_kept() -> None:
@@ -110,6 +113,14 @@ def test_the_time_of_a_picture_is_that_of_its_stamp() -> None:
 )
 def test_a_scale_bar_is_a_round_length(most: float, length: float) -> None:
     assert round_length(most) == pytest.approx(length)
+
+
+def test_the_height_of_a_picture_is_what_its_camera_sees_where_it_looks() -> None:
+    camera = SimpleNamespace(position=(3.0, 0.0, 1.0), look_at=(0.0, 4.0, 1.0), fov=np.pi / 2)
+    seen = Visitor(SimpleNamespace(camera=camera), Window(1440, 856)).reach  # type: ignore[arg-type]
+    assert seen == pytest.approx(2 * 5.0)
+    # 10 units of a scene in which a metre is 20 are 500 mm, over 1000 pixels.
+    assert scale_html(seen / 1000).endswith('</i>50 mm') and 'width:100px' in scale_html(0.01)
 
 
 @pytest.mark.parametrize('pixel', [0.0, float('nan'), float('inf')])

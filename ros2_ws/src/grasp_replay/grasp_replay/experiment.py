@@ -38,7 +38,8 @@ class ScanEntry:
 class Experiment:
     """What is known about a recording. `synthetic` is True unless the file denies it.
 
-    `scans` is empty where no file says which there are. `facts` is the whole document.
+    `scans` is empty where no file says which there are. `finger_body`: what the fingers carried,
+    as `read_finger_bodies` takes it, empty for pins. `friction`: at them [-], None where unknown.
     """
 
     name: str
@@ -50,6 +51,8 @@ class Experiment:
     object_pose: tuple[float, ...] | None = None
     scans: tuple[ScanEntry, ...] = ()
     caveats: tuple[str, ...] = ()
+    finger_body: str = ''
+    friction: float | None = None
 
     @property
     def object_file(self) -> str | None:
@@ -78,6 +81,11 @@ def read_experiment(bag: Path) -> Experiment:
     sigma = reader.number(scanner, 'noise_sigma_m', DEFAULT_SCANNER_SIGMA_M)
     if not 0.0 < sigma < 0.1:
         raise BagError(f'{path}: scanner.noise_sigma_m is {sigma}; it is in metres, above 0')
+    friction = None
+    if document.get('friction') is not None:
+        friction = float(reader.number(document, 'friction', 0.0))
+        if not 0.0 <= friction <= 10.0:
+            raise BagError(f'{path}: friction is {friction}; it lies between 0 and 10')
     return Experiment(
         name=str(document.get('name', folder.name)),
         object_name=None if document.get('object') is None else str(document['object']),
@@ -88,6 +96,8 @@ def read_experiment(bag: Path) -> Experiment:
         object_pose=reader.pose(document, 'the recording'),
         scans=tuple(reader.scan(entry, int(start)) for entry in document.get('scans') or ()),
         caveats=tuple(str(item) for item in document.get('caveats') or ()),
+        finger_body=str(document.get('finger_body') or ''),
+        friction=friction,
     )
 
 

@@ -3,35 +3,73 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from grasp_replay.experiment import Experiment
 from grasp_replay.pipeline import Row
 from grasp_replay.theories import TheorySet
+from shell_deform.contact.bodies import BodyError
+from shell_deform.contact.finger_bodies import OTHERS, read_finger_bodies
+from shell_deform.contact.loads import ContactPatch
 from shell_deform.factor.base import FactorError
 from shell_deform.grasp.cone import ConeError
-from shell_deform.grasp.measures import Doubt, Held, Task, measure
-from shell_deform.grasp.reading import normal_sigma, read_contacts, read_response, wall_reader
+from shell_deform.grasp.contacts import GraspError
+from shell_deform.grasp.mapping import BODY_STEPS, reached
+from shell_deform.grasp.measures import Doubt, Task, measure
+from shell_deform.grasp.measures import Held as KnownGrasp
+from shell_deform.grasp.reading import normal_sigma, wall_reader
+from shell_deform.grasp.touching import read_grasp, read_response
 from shell_deform.grasp.window import Limits
+from shell_deform.model import ShellModel
+from shell_deform.objects import ObjectError
 from shell_deform.readout import wall_ratio
+from shell_deform.solve.equilibrium import Equilibrium, forced
+from shell_deform.solve.first_touch import FirstTouchError, first_touch
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.theory import KOITER, THICK
 from shell_deform.theory.thin_wall import WORTH_A_THICK_WALL, excess_stiffness
 
 FRICTION, FRICTION_SIGMA = 0.5, 0.1
-"""No recording holds it; what closure needs does not depend on it."""
+"""Where a recording does not tell it; what closure needs does not depend on it."""
 
 POINT_SIGMA = 2e-4
 STRAIN_LIMIT = 0.2
 
 
-def grasp_document(shell: TheorySet, row: Row) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Held:
+    """The grasp of a row on a shell that carries it."""
+
+    theory: str
+    model: ShellModel
+    patches: tuple[ContactPatch, ...]
+    state: Equilibrium
+
+
+def grasp_document(shell: TheorySet, row: Row, experiment: Experiment) -> dict[str, Any]:
     """Measures of the row's grasp on the shape that theory gives, or why there are none.
 
-    Of the thick wall where that is worth it: the normals of a thin one turn too far.
+    Of the thick wall where that is worth it: the normals of a thin one turn too far. Fingers that
+    carried bodies press with these, whatever carried the row's surface.
     """
+    friction = FRICTION if experiment.friction is None else experiment.friction
+    try:
+        if experiment.finger_body:
+            held = _by_bodies(shell, row, experiment.finger_body, friction)
+        else:
+            held = _by_pins(shell, row)
+        if isinstance(held, str):
+            return {'failed': held}
+        return _measured(shell, row, held, friction)
+    except (ObjectError, BodyError, FirstTouchError, FactorError, ConeError, GraspError) as error:
+        return {'failed': str(error)}
+
+
+def _by_pins(shell: TheorySet, row: Row) -> Held | str:
+    """The row's own equilibrium, or why there is none."""
     theory = KOITER
     if excess_stiffness(wall_ratio(shell.model)) > WORTH_A_THICK_WALL:
         solid = row.solved.get(THICK)
@@ -39,14 +77,46 @@ def grasp_document(shell: TheorySet, row: Row) -> dict[str, Any]:
             theory = THICK
     state = row.solved[theory].state
     if state is None or not state.converged:
-        return {'failed': row.solved[theory].message}
+        return row.solved[theory].message
     model = shell.models[theory]
     patches = row.patches
     if theory == THICK:
         patches = tuple(model.contact(p.point, p.radius, p.axis) for p in patches)
         model = model.on_contacts(patches)
+    return Held(theory, model, patches, state)
+
+
+def _by_bodies(shell: TheorySet, row: Row, carried: str, friction: float) -> Held | str:
+    """The thin shell under the row's pushes by bodies, each along the normal of its finger."""
+    bodies, model, contacts = read_finger_bodies(carried).loaded(), shell.model, row.contacts
+    at = contacts.point - np.nan_to_num(contacts.travel)[:, None] * contacts.normal
+    patches = []
+    for number, place, normal in zip(contacts.finger.tolist(), at, contacts.normal, strict=True):
+        body = bodies.get(number, bodies.get(OTHERS))
+        if body is None:
+            return f'finger {number} carries no body in {carried!r}'
+        patches.append(
+            model.touched_by(body.shape, place, body.size, None, friction, towards=normal)
+        )
+    solver = EquilibriumSolver(model)
+    alone, touch = first_touch(solver, tuple(patches))
+    state: Equilibrium | str = replace(alone, force=np.zeros(len(patches)), displacement=touch)
+    shares = np.linspace(0.0, 1.0, BODY_STEPS + 1)
+    for here, there in zip(shares[:-1], shares[1:], strict=True):
+        assert not isinstance(state, str)
+        state = reached(
+            solver, lambda share: forced(tuple(patches), share * contacts.push), state, here, there
+        )
+        if isinstance(state, str):
+            return state
+    assert not isinstance(state, str)
+    return Held(KOITER, model, tuple(patches), state)
+
+
+def _measured(shell: TheorySet, row: Row, held: Held, friction: float) -> dict[str, Any]:
+    model, patches, state = held.model, held.patches, held.state
     count = len(patches)
-    grasp = read_contacts(model, patches, state, FRICTION)
+    grasp = read_grasp(model, patches, state, friction)
     felt = row.contacts.felt
     if felt is not None:
         # A wall that has relaxed is pressed with less at the same shape: all of it goes down.
@@ -57,26 +127,25 @@ def grasp_document(shell: TheorySet, row: Row) -> dict[str, Any]:
             tangential=share[:, None] * grasp.tangential,
             spin=share * grasp.spin,
         )
-    try:
-        response = read_response(EquilibriumSolver(model), patches, state, grasp)
-        wall = wall_reader(model, patches).at(state.unknowns, state.force, state.displacement)
-        limit = shell.shell.yield_stress_pa
-        limits = Limits(
-            stress=wall.stress / limit if limit else 0.0, strain=wall.strain / STRAIN_LIMIT
-        )
-        held = Held(response.centre, response.sharing, response.compliance, state.energy, limits)
-        doubt = Doubt(
-            np.asarray(row.contacts.sigma, float),
-            np.zeros(count),
-            np.full(count, POINT_SIGMA),
-            np.full(count, normal_sigma(model)),
-        )
-        told = measure(grasp, held, Task(friction_sigma=FRICTION_SIGMA), doubt).to_json()
-    except (FactorError, ConeError) as error:
-        return {'failed': str(error)}
+    response = read_response(EquilibriumSolver(model), patches, state, grasp)
+    wall = wall_reader(model, patches).at(state.unknowns, state.force, state.displacement)
+    limit = shell.shell.yield_stress_pa
+    limits = Limits(
+        stress=wall.stress / limit if limit else 0.0, strain=wall.strain / STRAIN_LIMIT
+    )
+    known = KnownGrasp(
+        response.centre, response.sharing, response.compliance, state.energy, limits
+    )
+    doubt = Doubt(
+        np.asarray(row.contacts.sigma, float),
+        np.zeros(count),
+        np.full(count, POINT_SIGMA),
+        np.full(count, normal_sigma(model)),
+    )
+    told = measure(grasp, known, Task(friction_sigma=FRICTION_SIGMA), doubt).to_json()
     return {
-        'theory': theory,
-        'friction_given': FRICTION,
+        'theory': held.theory,
+        'friction_given': friction,
         'friction_sigma_given': FRICTION_SIGMA,
         **told,
         'largest_stress_pa': wall.stress,

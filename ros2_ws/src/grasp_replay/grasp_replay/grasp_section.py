@@ -35,9 +35,9 @@ def grasp_sections(rows: Sequence[Mapping[str, Any]]) -> list[Section]:
         )
     )  # fmt: skip
     body = Markup(
-        '<figure>{curve}<figcaption>Friction that closure needs on the deformed normals, with one '
-        'sigma, over the mean push of the fingers; dotted: the friction that the table is for. '
-        'Below it the grasp is closed.</figcaption></figure>'
+        '<figure>{curve}<figcaption>Friction that closure needs on the deformed normals{theory}, '
+        'with one sigma, over the mean push of the fingers; dotted: the friction that the table '
+        'is for. Below it the grasp is closed.</figcaption></figure>'
         '<figure>{bars}<figcaption>Squeeze window of each row: from the least push that lifts '
         'the object to the first limit of the wall; the mark is the push of the row.'
         '</figcaption></figure>'
@@ -46,11 +46,18 @@ def grasp_sections(rows: Sequence[Mapping[str, Any]]) -> list[Section]:
     ).format(
         curve=Markup(svg(needed_friction(known))),
         bars=Markup(svg(windows(known))),
+        theory=_theories(known),
         head=Markup(head),
         cells=Markup('').join(map(_cells, known)),
         note=str(known[0]['grasp']['note']).capitalize(),
     )
     return [Section('grasp', 'Does the grasp hold', body)]
+
+
+def _theories(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Whose normals they are: those of a thin theory turn too far on a thick wall."""
+    names = sorted({row['grasp']['theory'] for row in rows if 'theory' in row['grasp']})
+    return f' of theory {" and ".join(names)}' if names else ''
 
 
 def _cells(row: Mapping[str, Any]) -> Markup:

@@ -73,7 +73,7 @@ def document(outcome: Outcome, published: list[dict[str, Any]]) -> dict[str, Any
             {
                 **row_document(row),
                 **({'hold': holds[row.number].to_json()} if row.number in holds else {}),
-                'grasp': grasp_document(outcome.shell, row),
+                'grasp': grasp_document(outcome.shell, row, outcome.experiment),
             }
             for row in outcome.rows
         ],

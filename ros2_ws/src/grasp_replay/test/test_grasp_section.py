@@ -3,9 +3,18 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
+from grasp_replay.experiment import Experiment
+from grasp_replay.grasp_rows import grasp_document
 from grasp_replay.grasp_section import grasp_sections, needed_friction, windows
+from grasp_replay.holds import HeldContacts
+from grasp_replay.theories import theory_set
 
 
 def row(force: float, needed: float, **changes: object) -> dict[str, object]:
@@ -56,6 +65,11 @@ def test_the_section_tells_what_is_closed_and_why_another_is_not() -> None:
     assert str(grasp_sections(ROWS)[0].body) == text
 
 
+def test_the_curve_says_whose_normals_it_is_of() -> None:
+    (section,) = grasp_sections([row(5.0, 0.3, theory='thick')])
+    assert 'on the deformed normals of theory thick' in str(section.body)
+
+
 def test_rows_without_a_grasp_have_no_section_and_no_friction_is_no_point() -> None:
     assert grasp_sections([{'force_n': 1.0, 'grasp': {'failed': 'no equilibrium'}}]) == []
     assert grasp_sections([{'force_n': 1.0}]) == []
@@ -67,3 +81,39 @@ def test_rows_without_a_grasp_have_no_section_and_no_friction_is_no_point() -> N
 def test_names_in_a_reason_stay_text() -> None:
     (section,) = grasp_sections([row(3.0, 0.9, why='<b>why</b>')])
     assert '<b>why' not in str(section.body)
+
+
+@pytest.fixture(scope='module')
+def ball():
+    return theory_set('tennis_ball', changes={'control_vertices': 300}, thick=False)
+
+
+def by_bodies(ball, body):
+    """What a row between two fingers of 8 N says, which carried `body`, at a friction of 0.4."""
+    normal = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    held = HeldContacts(
+        np.array([1, 2]), -0.031 * normal, normal, np.full(2, 8.0), np.full(2, 0.1),
+        np.full(2, 7.5e-3), np.full(2, 1.5e-3), 5, False,
+    )  # fmt: skip
+    experiment = Experiment('tips', None, Path('.'), finger_body=body, friction=0.4)
+    told = grasp_document(ball, SimpleNamespace(contacts=held, force=8.0), experiment)
+    json.dumps(told, allow_nan=False)
+    return told
+
+
+def test_fingers_that_carried_bodies_hold_by_the_pressure_of_these(ball):
+    told = by_bodies(ball, 'barrett_fingertip')
+    assert told['closed']
+    assert told['friction_given'] == 0.4
+    assert [finger['push_n'] for finger in told['fingers']] == pytest.approx([8.0, 8.0], rel=1e-3)
+    assert told['gravity_capacity_n'] == pytest.approx(2.0 * 0.4 * 8.0, rel=0.02)
+    assert 0.0 < told['gravity_slip_n'] < 1.05 * told['gravity_capacity_n']
+    assert 'no shell theory resolves' in told['stress_unresolved']
+
+
+@pytest.mark.parametrize(
+    ('body', 'text'),
+    [('nosuch', "no body 'nosuch'"), ('1: barrett_fingertip', 'finger 2 carries')],
+)
+def test_bodies_that_are_none_are_named(ball, body, text):
+    assert text in by_bodies(ball, body)['failed']

@@ -169,14 +169,14 @@ def _squeezed(
     shares = np.linspace(0.0, 1.0, steps + 1)
     for here, there in zip(shares[:-1], shares[1:], strict=True):
         solver = place.solver if there < 1.0 else place.judge
-        found = _reached(solver, case, states[-1] if states else start, here, there)
+        found = reached(solver, case, states[-1] if states else start, here, there)
         if isinstance(found, str):
             return found
         states.append(found)
     return Squeeze(patches, touch, states)
 
 
-def _reached(
+def reached(
     solver: EquilibriumSolver,
     case: Callable[[float], LoadCase],
     start: Equilibrium,

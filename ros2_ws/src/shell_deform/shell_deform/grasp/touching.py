@@ -182,7 +182,9 @@ def _moved(
     pins = np.array([patch.body is None for patch in patches])
     force, held = state.force.copy(), state.multipliers.copy()
     force[pins] += SMALL_LOAD * border[: pins.sum()]
-    held += SMALL_LOAD * border[pins.sum() :][: len(held)]
+    # Behind them the state may have held what is rigid, which standing bodies hold themselves.
+    rows = HELD_ROWS * sum(map(_is_held, patches))
+    held[:rows] += SMALL_LOAD * border[pins.sum() :][:rows]
     bodies = [patch.body for patch in patches if patch.body is not None]
     return replace(
         state,

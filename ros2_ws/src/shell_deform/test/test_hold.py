@@ -5,17 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from shell_deform.assemble import plain
 from shell_deform.assemble.held import HeldWall, elastic_stress
 from shell_deform.building import build_model, object_contacts
 from shell_deform.objects import load_object
+from shell_deform.objects.shell_object import ShellObject, Sphere
 from shell_deform.solve.equilibrium import LoadCaseError, displaced, forced
 from shell_deform.solve.first_touch import first_touch
 from shell_deform.solve.hold import TimedSolver, hold_times
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.solve.step_system import NewtonOptions
-from shell_deform.theory.relaxation import RelaxationError, log_law
+from shell_deform.theory.relaxation import RelaxationError, log_law, prony
 
 LAW = log_law(0.05, 0.1, 1000.0)
 NONLINEAR = ('koiter', 'paper', 'paper_restored', 'thick')
@@ -230,3 +232,76 @@ def test_time_that_runs_back_and_linear_theory_are_refused(koiter):
         koiter.timed().to(koiter.at(0.001), -1.0)
     with pytest.raises(LoadCaseError, match='linear theory takes no holds'):
         Grasp('linear').timed()
+
+
+BALL_R, BALL_H, BALL_E, BALL_NU = 0.03, 6e-4, 2e6, 0.45
+
+
+def _blown(law, pressure, times):
+    """Stretches at `times` [s] of a sphere under a dead pressure from 0 on: Volterra's equation.
+
+    Both principal strains are one, so that it is exact, bending included; the integral is summed
+    by Simpson's rule over all of the past, with no terms and no recursion.
+    """
+    wall, bending = BALL_H * BALL_E / (1.0 - BALL_NU), BALL_H**2 / (6.0 * BALL_R**2)
+
+    def missing(stretch, strain, curvature):
+        inner = wall * (2.0 * stretch * strain + bending * curvature)
+        return inner - pressure * BALL_R * stretch**2
+
+    def green(stretch):
+        return 0.5 * (stretch**2 - 1.0)
+
+    grid = np.concatenate([[0.0], np.geomspace(0.02 * times[0], times[-1], 500)])
+    found = np.zeros(len(grid))
+    g = float(law(0.0))
+    found[0] = brentq(lambda x: missing(x, g * green(x), g * (x - 1.0)), 1.0, 3.0)
+    for k in range(1, len(grid)):
+        begin, end, now = grid[:k], grid[1 : k + 1], grid[k]
+        middle = 0.5 * (begin + end)
+        mean = (law(now - begin) + 4.0 * law(now - middle) + law(now - end)) / 6.0
+        past = [
+            float(law(now)) * values[0] + float(mean[:-1] @ np.diff(values))
+            for values in (green(found[:k]), found[:k] - 1.0)
+        ]
+        last, share = found[k - 1], mean[-1]
+
+        def balance(x, past=past, last=last, share=share):
+            strain = past[0] + share * (green(x) - green(last))
+            return missing(x, strain, past[1] + share * (x - last))
+
+        found[k] = brentq(balance, 1.0, 3.0)
+    return found[0], np.interp(times, grid, found)
+
+
+@pytest.mark.parametrize(
+    'law', [log_law(0.05, 0.1, 1000.0), prony([0.2, 0.15], [1.0, 50.0])], ids=['log', 'prony']
+)
+def test_a_ball_blown_far_creeps_as_volterra_says(law):
+    """From 18 to 25 and from 20 to 32 % of stretch: 0.1 % of the creep, large strains."""
+    blown = 1.2
+    pressure = BALL_H * BALL_E / (1.0 - BALL_NU) * (blown - 1.0 / blown) / BALL_R
+    ball = ShellObject(
+        'ball', Sphere(2.0 * BALL_R + BALL_H), BALL_H, BALL_E, BALL_NU, pressure_pa=pressure
+    )
+    model = build_model(ball, 'koiter', 200)
+    solver, case = EquilibriumSolver(model), forced((), [])
+    start = state = solver.rest()
+    for share in np.linspace(0.2, 1.0, 5):
+        solver.take(replace(model, pressure=share * pressure))
+        state = solver.solve(case, solver.met(state))
+        assert state.converged
+    solver.take(model)
+    timed = TimedSolver(solver, law, case, start)
+    timed.state = solver.met(state)
+    radius = np.linalg.norm(model.surface.limit_positions(model.rest), axis=1).mean()
+    times, stretches, now = hold_times(law, 1000.0), [], 0.0
+    for time in times:
+        held = timed.to(case, time - now)
+        assert held.converged
+        now = time
+        points = model.surface.limit_positions(held.positions)
+        stretches.append(np.linalg.norm(points, axis=1).mean() / radius)
+    first, others = _blown(law, pressure, times[1:])
+    assert stretches[0] == pytest.approx(first, rel=1e-5)
+    np.testing.assert_allclose(stretches[1:], others, atol=1e-3 * (others[-1] - first))

@@ -26,6 +26,7 @@ from shell_deform.building import build_model, object_contacts
 from shell_deform.contact.friction_share import friction_share
 from shell_deform.live.grip_motion import topic_of, unwrapped
 from shell_deform.objects import ObjectError, load_object
+from shell_deform.readout import passes_through_itself
 from shell_deform.solve.equilibrium import Equilibrium, forced, gripped
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.supports.grips import Grip, GripError
@@ -174,6 +175,9 @@ def solve_turn(path: Path, object_name: str | None = None) -> dict[str, Any]:
         found = solver.solve(case, state)
         if not found.converged:
             message = f'no equilibrium {turned.time[k]:.2f} s after the start: {found.message}'
+            break
+        if passes_through_itself(model, found.positions) is not None:
+            message = f'the wall passes through itself {turned.time[k]:.2f} s after the start'
             break
         state = found
         share = friction_share(state.touches, friction, grip.origin, axis)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from shell_deform.assemble.thick import MOST_INCOMPRESSIBLE, ThickShell
 from shell_deform.model import ShellModel
+from shell_deform.surface.crossing import crossing
 from shell_deform.theory import THEORIES
 from shell_deform.theory.material import Material
 from shell_deform.theory.thin_wall import thick_wall_warning, thickness_over_radius
@@ -20,6 +21,9 @@ TORN_STRAIN = 1.0
 """A wall of which a face is stretched to more than twice its length counts as torn."""
 
 SMALL_STRAIN_LIMIT = 0.2
+
+NEVER_MEETS = 0.2
+"""Walls that moved by less of the smallest extent of the object have not met."""
 
 FACE_STEPS = 12
 """Newton steps on the stretch across a free face; it settles in five."""
@@ -230,3 +234,18 @@ def _stress_warnings(outer: Array, inner: Array, limit: float | None) -> tuple[s
         f'surface stress reaches {stress / 1e6:.3g} MPa, above the yield stress of '
         f'{limit / 1e6:.3g} MPa: the real wall stays bent',
     )
+
+
+def passes_through_itself(model: ShellModel, positions: Array) -> Array | None:
+    """(3,) where the middle surface of control points (n, 3) crosses itself [m], else None.
+
+    One that does so undeformed says nothing, and is not looked at.
+    """
+    mesh = model.shell.mesh
+    rest, now = map(model.surface.limit_positions, (model.rest, positions))
+    moved = float(np.linalg.norm(now - rest, axis=1).max())
+    if moved < NEVER_MEETS * float(np.ptp(rest, axis=0).min()):
+        return None
+    triangles = np.asarray(mesh.triangles[mesh.active], dtype=np.int64)
+    at = crossing(triangles, now)
+    return None if at is None or crossing(triangles, rest) is not None else at

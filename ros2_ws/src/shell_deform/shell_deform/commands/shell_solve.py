@@ -24,7 +24,7 @@ from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
 from shell_deform.objects import Contact, ShellObject, load_object
 from shell_deform.picture import surface_figure
-from shell_deform.readout import read_out
+from shell_deform.readout import passes_through_itself, read_out
 from shell_deform.solve.equilibrium import Equilibrium, displaced, forced
 from shell_deform.solve.first_touch import first_touch
 from shell_deform.solve.newton import EquilibriumSolver
@@ -145,6 +145,10 @@ def _squeezed(
             ended = f'{shell_object.name}: no equilibrium at {value:g} {unit}: {found.message}'
             ended += '; use a displacement sweep' if by_force else '; use smaller steps'
             return state, results, ended, []
+        at = passes_through_itself(solver.model, found.positions)
+        if at is not None:
+            unit = 'N' if by_force else 'm'
+            return state, results, _collapsed(shell_object, f'{value:g} {unit}', at), []
         state = found
         depth = float(np.mean(state.displacement - touch))
         results.append(Solved(state, depth, time.perf_counter() - start))
@@ -155,6 +159,15 @@ def _squeezed(
         options.hold,
     )  # fmt: skip
     return held[-1].state if held else state, results, ended, held
+
+
+def _collapsed(shell_object: ShellObject, said: str, at: Array) -> str:
+    """What is said of a state that no wall can take."""
+    return (
+        f'{shell_object.name}: at {said} the wall passes through itself near '
+        f'{np.round(at, 4).tolist()} m: it has collapsed, and its sides are not held apart here; '
+        'go less far'
+    )
 
 
 def _gripped(
@@ -175,6 +188,9 @@ def _gripped(
             sweep.refuse_torn(found, value)
         except CommandError as error:
             return state, results, f'{shell_object.name}: {error}', []
+        at = passes_through_itself(solver.model, found.positions)
+        if at is not None:
+            return state, results, _collapsed(shell_object, sweep.said(value), at), []
         state = found
         results.append(Solved(state, value, time.perf_counter() - start))
     if law is None or not seconds:

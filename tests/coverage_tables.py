@@ -16,24 +16,39 @@ import numpy as np
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / 'ros2_ws' / 'src' / 'scan_compare' / 'test'))
+sys.path.insert(0, str(ROOT / 'tests' / 'benchmarks'))
+sys.path.insert(0, str(ROOT))
 
+from bags.live_bias import Wall, differences  # noqa: E402
+from bags.scanner import MISFITS as SCANNERS  # noqa: E402
+from dent_depth import scanned_again  # noqa: E402
 from scan_shells import occlude, odd_body, scan_points  # noqa: E402
 
+from barrett_hand_bridge.contacts import FLAG_CONTACT  # noqa: E402
 from barrett_hand_bridge.emulator.misfit import MISFITS  # noqa: E402
+from barrett_hand_bridge.observer import Observation  # noqa: E402
 from barrett_hand_bridge.trial import (  # noqa: E402
+    BALL,
+    Trial,
     bias_counts,
     force_errors,
     travel_errors,
 )
+from grasp_replay.pipeline import PipelineOptions, run  # noqa: E402
 from scan_compare.distance import measure  # noqa: E402
 from scan_compare.registration import register  # noqa: E402
-from scan_compare.uncertainty import pose_sigma  # noqa: E402
+from scan_compare.uncertainty import mean_error_sigma, pose_sigma  # noqa: E402
+from shell_deform.identify.modulus import identify  # noqa: E402
+from shell_deform.identify.squeeze_bag import binned  # noqa: E402
+from shell_deform.objects import load_object  # noqa: E402
 
 TABLE = ROOT / 'docs' / 'coverage.md'
 FIRST_SEED = 410_000
 LEVEL = 1.6449
 LOADS_N = (0.5, 1.0, 2.0, 5.0, 10.0, 15.0)
 TRAVEL_LOADS_N = (15.0, 2.0, 5.0, 10.0, 15.0)
+RECORDED = ('tennis_ball_two_finger', 'tennis_ball_three_finger', 'cup_off_axis', 'half_soda_can')
+SOLID_WALL = Wall('thick', 14.196e6, 0.49)
 VIEW_M, LINE_M, LINE_SIGMA_M = 0.05e-3, 1e-3, 0.05e-3
 SCANS = {
     'white noise, all seen': 'known',
@@ -90,6 +105,97 @@ def travels(count: int) -> Iterator[list[str]]:
             ]  # fmt: skip
 
 
+class KnownBall:
+    """The force curve of the ball that the emulated hands squeeze, for any modulus: no theory."""
+
+    shell_object = load_object('tennis_ball')
+    force_sigma = 0.0
+    excess_stiffness = 0.0
+
+    def force(self, displacement: np.ndarray, young: float, _gauge: float) -> np.ndarray:
+        """Push [N] at displacements (n,) [m] of a contact; the modulus scales it."""
+        known = np.interp(displacement, BALL.displacement_m, BALL.force_n)
+        return young / self.shell_object.young_modulus_pa * known
+
+
+def squeezed(trial: Trial, load_n: float) -> np.ndarray:
+    """Travel, push and their sigmas (n, 4), means of two fingers, on the way in to a load."""
+    rows: list[np.ndarray] = []
+
+    def watch(seen: Observation) -> None:
+        contacts = [seen.fingers[finger].contact for finger in (1, 2)]
+        if all(contact.flags & FLAG_CONTACT and contact.travel_m > 0.0 for contact in contacts):
+            values = [
+                (c.travel_m, c.force @ c.normal, c.sigma_normal_n, c.sigma_travel_m)
+                for c in contacts
+            ]
+            rows.append(np.mean(values, axis=0))
+
+    trial.close_slowly(load_n, watch=watch)
+    return np.array(rows)
+
+
+def moduli(count: int) -> Iterator[list[str]]:
+    """The 90 % interval of the modulus from one squeeze, after a release has shown the tendons."""
+    true = KnownBall.shell_object.young_modulus_pa
+    for name, misfit in MISFITS.items():
+        ratios, inside = [], []
+        for seed in range(FIRST_SEED, FIRST_SEED + count):
+            trial = Trial(seed, misfit=name)
+            if trial.tare():
+                continue
+            squeezed(trial, 15.0)
+            data = binned(*squeezed(trial, 15.0).T)
+            if data is None:
+                continue
+            found = identify(KnownBall(), data)
+            low, high = found.interval('young_modulus_pa')
+            inside.append(low <= true <= high)
+            ratios.append(np.log(found.values[0] / true) / (found.sigma[0] / found.values[0]))
+        yield [
+            'modulus from one squeeze', misfit.meaning, f'{len(ratios)} hands',
+            f'{100 * np.mean(inside):.1f} %', shares(np.array(ratios))[1],
+            f'of the statistics: the curve is that of the ball; mean z {np.mean(ratios):+.2f}',
+        ]  # fmt: skip
+
+
+def depths(count: int) -> Iterator[list[str]]:
+    """The depth under the pins of recordings, scanned again, by the whole comparison."""
+    for name in RECORDED:
+        outcome = run(ROOT / 'bags' / name, PipelineOptions(thick=False))
+        places = sum(len(row.patches) for row in outcome.rows)
+        seeds = range(FIRST_SEED, FIRST_SEED + -(-count // places))
+        for misfit in (None, *SCANNERS):
+            ratio = np.array(
+                [
+                    (profile.apex_m - truth) / profile.apex_sigma_m
+                    for _, found, truth in scanned_again(name, outcome, seeds, misfit)
+                    for profile in found.profiles
+                ]
+            )
+            yield [
+                f'depth under the pin, {name}',
+                'a solid, the scanner that is assumed' if misfit is None else f'misfit: {misfit}',
+                f'{len(ratio)} depths', *shares(ratio), f'mean z {np.mean(ratio):+.2f}',
+            ]  # fmt: skip
+
+
+def surfaces(_count: int) -> Iterator[list[str]]:
+    """The served surface at every held scan of recordings against the solids."""
+    for wall, truth in (
+        (Wall(), 'misfit: a solid where thin-shell theory is assumed'),
+        (SOLID_WALL, 'a solid, as a thick wall of its own modulus'),
+    ):
+        for name in RECORDED[:2] if wall is SOLID_WALL else RECORDED:
+            found = differences(name, wall)
+            ratio = np.concatenate([one.served / one.sigma for one in found])
+            dent = np.concatenate([one.dent for one in found])
+            yield [
+                f'served surface, {name}', truth, f'{len(found)} scans, {len(ratio)} vertices',
+                *shares(ratio), f'in the dents {shares(ratio[dent])[0]}',
+            ]  # fmt: skip
+
+
 def scanned(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray | None]:
     """Points (n, 3) [m] of one drawn scan in the object's frame, and the numbers of its views."""
     generator = np.random.default_rng([seed, 5])
@@ -125,10 +231,13 @@ def poses(count: int) -> Iterator[list[str]]:
     """The error of surface points under the registered pose over its stated sigma."""
     surface = odd_body()
     for kind, truth in SCANS.items():
-        ratios = []
+        ratios, means, sigmas = [], [], []
         for seed in range(FIRST_SEED, FIRST_SEED + count):
             points, view = scanned(kind, seed)
             found = register(points, surface, views=view)
+            distances = measure(surface, found.pose.apply(points))
+            means.append(float(np.mean(np.abs(distances.distance))))
+            sigmas.append(mean_error_sigma(distances, np.ones(len(points), bool), found))
             chosen = np.random.default_rng(seed).choice(len(points), 5)
             at = measure(surface, found.pose.apply(points[chosen]))
             for foot, normal in zip(at.foot, at.normal, strict=True):
@@ -139,6 +248,19 @@ def poses(count: int) -> Iterator[list[str]]:
             f'pose of a scan: {kind}', truth, f'{count} scans, {len(ratio)} points',
             *shares(ratio), '',
         ]  # fmt: skip
+        yield [
+            f'mean error of a scan: {kind}', truth, f'{count} scans',
+            *shares((np.array(means) - np.mean(means)) / np.array(sigmas)),
+            'about the mean of all draws',
+        ]  # fmt: skip
+
+
+QUANTITIES = {
+    'forces': (hands, 'hands', 3), 'travels': (travels, 'hands', 3),
+    'moduli': (moduli, 'hands', 3), 'poses': (poses, 'scans', 2),
+    'depths': (depths, 'depths', 8), 'surfaces': (surfaces, 'scans', 1),
+}  # fmt: skip
+"""What is drawn how often: the rows, the option that says how many, and the few of --quick."""
 
 
 def main() -> int:
@@ -146,6 +268,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--hands', type=int, default=200)
     parser.add_argument('--scans', type=int, default=200)
+    parser.add_argument('--depths', type=int, default=100, help='of each recording and scanner')
+    parser.add_argument('--only', nargs='*', default=list(QUANTITIES), choices=QUANTITIES)
     parser.add_argument('--quick', action='store_true', help='few draws, nothing written')
     options = parser.parse_args()
     lines = [
@@ -158,12 +282,12 @@ def main() -> int:
         '| quantity | truth | draws | within the 90 % level | rms of error over sigma | |',
         '|---|---|---|---|---|---|',
     ]
-    few = (3, 2) if options.quick else (options.hands, options.scans)
-    for rows in (hands(few[0]), travels(few[0]), poses(few[1])):
-        for row in rows:
+    for name in options.only:
+        rows, draws, few = QUANTITIES[name]
+        for row in rows(few if options.quick else getattr(options, draws)):
             lines.append('| ' + ' | '.join(row) + ' |')
             print(lines[-1], flush=True)
-    if not options.quick:
+    if not options.quick and set(options.only) == set(QUANTITIES):
         TABLE.write_text('\n'.join(lines) + '\n', encoding='utf-8')
     return 0
 

@@ -114,10 +114,13 @@ class TouchTracker:
         self._origin = None
         self.withdrawn_m = 0.0
 
-    def update(self, point: Array, force_n: float, noise_n: float) -> bool:
+    def update(
+        self, point: Array, force_n: float, noise_n: float, resolution_n: float = 0.0
+    ) -> bool:
         """Take the pin's end (m, hand frame), the force and its white noise; True while touching.
 
         Drift is no part of `noise_n`: it moves slowly and does not look like a touch.
+        `resolution_n`: of the gauge, one count; a change of less may come late or not at all.
         """
         s = self.settings
         self._history.append((point, force_n))
@@ -126,14 +129,14 @@ class TouchTracker:
             if self._above >= s.begin_samples:
                 self.touching = True
                 self._below = 0
-                self._find_origin(noise_n)
+                self._find_origin(noise_n, resolution_n)
         else:
             self._below = self._below + 1 if force_n < s.end_sigmas * noise_n else 0
             if self._below >= s.end_samples:
                 self.reset()
         return self.touching
 
-    def _find_origin(self, noise_n: float) -> None:
+    def _find_origin(self, noise_n: float, resolution_n: float) -> None:
         """Fit "flat, then rising with the pin's way" to the last samples; touch is the corner."""
         points = np.array([point for point, _ in self._history])
         forces = np.array([force for _, force in self._history])
@@ -146,7 +149,9 @@ class TouchTracker:
             self._origin_sigma_m = span
             return
         step = span / rising
-        self._origin_sigma_m = math.hypot(2.0 * noise_n / slope / math.sqrt(rising), step)
+        self._origin_sigma_m = math.hypot(
+            2.0 * noise_n / slope / math.sqrt(rising), step, resolution_n / slope
+        )
 
     def travel(self, point: Array, normal: Array) -> tuple[float, float]:
         """Way along the normal since touch and the uncertainty of its start, in m."""

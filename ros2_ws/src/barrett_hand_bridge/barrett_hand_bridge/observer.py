@@ -103,6 +103,7 @@ class _Torque:
     value_nm: float
     sigma_nm: float
     white_nm: float
+    count_nm: float
     flags: int
     near: bool
 
@@ -270,7 +271,7 @@ class HandObserver:
         gauge = self.settings.calibrations.get(finger, NO_GAUGE)
         zero = self.zeros[finger]
         if gauge.kind == 'none' or counts is None:
-            return _Torque(0.0, math.inf, math.inf, FLAG_NO_GAUGE, False)
+            return _Torque(0.0, math.inf, math.inf, math.inf, FLAG_NO_GAUGE, False)
         flags = 0
         if zero.tared:
             zero.advance(time_s)
@@ -291,7 +292,7 @@ class HandObserver:
         slow = math.hypot(zero_slope * zero_sigma, math.sqrt(2.0) * gauge.residual_nm)
         sigma = math.hypot(white, slow, gauge.relative_sigma * whole)
         near = abs(whole) > NEAR_SATURATION * gauge.valid_torque_nm
-        return _Torque(whole - weight, sigma, white, flags, near)
+        return _Torque(whole - weight, sigma, white, slope, flags, near)
 
     def _reading(
         self,
@@ -314,7 +315,9 @@ class HandObserver:
         travel, sigma_travel = 0.0, 0.0
         if math.isfinite(torque.white_nm) and math.isfinite(force.sigma_n):
             touched = self.touches[finger].touching
-            touching = self.touches[finger].update(point, force.force_n, torque.white_nm / arm)
+            touching = self.touches[finger].update(
+                point, force.force_n, torque.white_nm / arm, torque.count_nm / arm
+            )
             if touching and not touched:
                 at_rest = self._right_at_rest(finger)
                 self._came_at_rest_s[finger] = time_s if at_rest else -math.inf

@@ -47,10 +47,6 @@ under which nothing slipped."""
 CLOSE = 3.0
 """Two plays that differ by no more than this factor bound the truth."""
 
-LAG_SHARE = 0.25
-"""Standard deviation of a lag, as a share of the loop. A finger begins anywhere between slack and
-pulled back, half a loop; the whole of half that range, since all fingers lag alike."""
-
 
 def lagging(bend_rad: float, stretch_rad: float, half_width_rad: float) -> float:
     """The bend of a link that follows its tendon's stretch with play (Prandtl's play operator)."""
@@ -103,10 +99,14 @@ class TendonPlay:
         )
 
     def lag_sigma(self, stretch_rad: float) -> float:
-        """Standard deviation [rad] of a bend under a stretch: never more than all of that."""
+        """Standard deviation [rad] of a bend under a stretch: never more than all of that.
+
+        A lag lies within its loop, and the fingers of a squeeze lag alike: their sum within twice
+        the loop, which is 1.4 sigma of the sum when each counts the whole loop as one.
+        """
         if not self._loops:
             return min(2.0 * self.expected_rad, abs(stretch_rad))
-        lag = LAG_SHARE * min(2.0 * self.half_width_rad, abs(stretch_rad))
+        lag = min(2.0 * self.half_width_rad, abs(stretch_rad))
         return math.hypot(lag, 2.0 / math.sqrt(3.0) * self.spread_rad)
 
     def see(self, fingers: tuple[int, ...], now: Squeezing) -> None:

@@ -9,7 +9,7 @@ misfit adds what the driver's models do not hold at all.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from barrett_hand_bridge.gcl.driver import SerialHand
 from barrett_hand_bridge.grasp import opposed_grasp
 from barrett_hand_bridge.hand import ENCODER_262, HandSample
 from barrett_hand_bridge.kinematics import HandGeometry, Pin
-from barrett_hand_bridge.observer import HandObserver, ObserverSettings
+from barrett_hand_bridge.observer import HandObserver, Observation, ObserverSettings
 
 WIDTH_M = 0.065
 BALL = ForceTable((0.0, 0.00256, 0.00605, 0.00912, 0.01027), (0.0, 10.631, 16.503, 20.373, 21.485))
@@ -161,26 +161,32 @@ class Trial:
             self.observer.observe(self.sample(0.0))
         return errors
 
-    def close_slowly(self, force_n: float, steps: int = 60, samples: int = 3) -> list[TravelError]:
+    def close_slowly(
+        self,
+        force_n: float,
+        steps: int = 60,
+        samples: int = 3,
+        watch: Callable[[Observation], None] = lambda _seen: None,
+    ) -> list[TravelError]:
         """Close to a force step by step, looking at every step; how far have the pins travelled?
 
         Where the object hangs between two pins, only what both travel together squeezes it. The
-        hand opens by the same steps.
+        hand opens by the same steps. `watch` is told all that is observed on the way in.
         """
         start = dict(self.open)
         self.mechanics.place(start)
         self.mechanics.close_to_force(force_n, (1, 2))
         end = {finger: self.mechanics.motors[finger].position for finger in (1, 2)}
 
-        def look(step: int) -> None:
+        def look(step: int) -> Observation:
             share = step / steps
             here = {f: (1.0 - share) * start[f] + share * end[f] for f in end}
             self.mechanics.place({**start, **here})
-            self.observer.observe(self.sample())
+            return self.observer.observe(self.sample())
 
         releases = self.observer.tendons.releases
         for step in range(steps + 1):
-            look(step)
+            watch(look(step))
         errors = []
         for _ in range(samples):
             observation = self.observer.observe(self.sample())

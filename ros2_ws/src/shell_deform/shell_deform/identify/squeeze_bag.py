@@ -31,7 +31,18 @@ def read_squeeze(bag: Path, topic: str = '/hand/contacts') -> SqueezeData:
     Only fingers in contact count whose gauge is tared, fitted, fresh and not saturated. Raises
     IdentificationError when the bag cannot be read, has no such topic, or never squeezes.
     """
-    travel, force, sigma_force, sigma_travel = _samples(bag, topic)
+    data = binned(*_samples(bag, topic))
+    if data is None:
+        raise IdentificationError(
+            f'{bag}: the contacts of {topic} never travel under load; record a slow squeeze'
+        )
+    return data
+
+
+def binned(
+    travel: Array, force: Array, sigma_force: Array, sigma_travel: Array
+) -> SqueezeData | None:
+    """Data of the samples (n,) of one squeeze, averaged over bins of travel; None of too few."""
     edges = np.linspace(0.0, travel.max() * (1.0 + 1e-9), BINS + 1)
     place = np.digitize(travel, edges) - 1
     rows = []
@@ -49,9 +60,7 @@ def read_squeeze(bag: Path, topic: str = '/hand/contacts') -> SqueezeData:
             ]
         )
     if len(rows) < 2:
-        raise IdentificationError(
-            f'{bag}: the contacts of {topic} never travel under load; record a slow squeeze'
-        )
+        return None
     force, displacement, sigma_force, sigma_displacement = np.array(rows).T
     # what grows with the force is the gauge's gain, the same in all rows
     gain = float(np.min(sigma_force / force))

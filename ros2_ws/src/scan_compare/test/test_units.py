@@ -12,6 +12,12 @@ from scan_compare.units import METRES_PER_UNIT, UnitError, choose_unit, robust_e
 BALL = 0.065
 
 
+def test_lengths_are_those_of_the_international_system() -> None:
+    centimetres = {unit: 100.0 * metres for unit, metres in METRES_PER_UNIT.items()}
+    expected = {'m': 100.0, 'cm': 1.0, 'mm': 0.1, 'um': 1e-4, 'inch': 2.54, 'in': 2.54}
+    assert centimetres == pytest.approx(expected | {'ft': 30.48})
+
+
 @pytest.mark.parametrize(('unit', 'extent'), [('mm', 65.0), ('inch', 2.559), ('m', 0.065)])
 def test_the_unit_follows_from_the_size_of_the_object(unit: str, extent: float) -> None:
     chosen = choose_unit(extent, None, BALL)

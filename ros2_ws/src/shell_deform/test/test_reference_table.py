@@ -4,6 +4,7 @@
 import json
 
 from shell_deform.commands import shell_verify
+from shell_deform.verification.problem import Verified
 from shell_deform.verification.reference_table import reference_table
 
 ROWS = reference_table()
@@ -29,6 +30,13 @@ def test_loads_that_are_not_scored_are_listed_with_a_reason():
     assert {row.quantity.split()[0] for row in left_out} == {'W_A', '-U_B', '-U_C'}
     assert sum('snap' in row.scored for row in left_out) == 12
     assert sum('shear-flexible' in row.scored for row in left_out) == 9
+
+
+def test_the_printed_error_is_in_percent_of_the_reference_and_a_miss_is_marked(capsys):
+    shell_verify._print_table([Verified('sphere', 'w', 2.0, 'book', 2.05, 500, 1.0, 0.01)])
+    printed = capsys.readouterr()
+    assert '+2.500 % !' in printed.out + printed.err
+    assert '1.00 %' in printed.out + printed.err
 
 
 def test_the_command_prints_the_table_without_solving(capsys):

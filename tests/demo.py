@@ -97,7 +97,7 @@ def main() -> int:
 def offline(bag: Path, out: Path) -> Iterator[subprocess.Popen[str]]:
     """`grasp_report` at work, behind the nodes; ended with the block."""
     report = subprocess.Popen(
-        ['nice', BIN / 'grasp_report', bag, '--out', out, '--no-samples'],
+        ['nice', '-n', '19', BIN / 'grasp_report', bag, '--out', out, '--no-samples'],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from shell_deform import building
 from shell_deform.building import (
     boundary_vertices,
     build_model,
@@ -104,3 +105,11 @@ def test_rim_of_an_open_cylinder_is_its_two_ends_with_unit_directions_along_them
     np.testing.assert_allclose(np.abs(height), np.abs(height).max(), rtol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(along, axis=1), 1.0)
     assert np.abs(along[:, 2]).max() < 1e-6
+
+
+def test_a_plane_names_the_rim_on_its_own_side_of_the_origin():
+    points = np.array([[0.0, 0.0, -0.05], [0.01, 0.0, -0.05], [0.0, 0.0, 0.05], [0.02, 0.0, 0.0]])
+    rim = np.arange(4)
+    found, normal = building._where(load_object('tennis_ball'), points, rim, 'z = 0.05')
+    assert found.tolist() == [2]
+    assert normal.tolist() == [0.0, 0.0, 1.0]

@@ -28,8 +28,8 @@ MOST_ITERATIONS = 60
 # Where who touches and sticks stays, iterations that shrink the residual less ask for a new
 # factorisation: friction bounds that follow the pressure slow them down.
 SLOW = 0.6
-# How often a solution is put into what the tangent leaves out.
-COUPLED = 2
+# How often a solution is put into what the tangent leaves out, as long as that shrinks the change.
+COUPLED, CONTRACTS = 2, 1.0
 # After some iterations, in which contact regions find their place, a step that turns the work of
 # the forces along it to less than minus this share is cut, at most so often and to no less than
 # this share at a time, unless the residual is below the last number.
@@ -150,9 +150,16 @@ class ContactStep:
         below = np.concatenate([lacking, -bordering.held.T @ self._free])
         unbalanced = self._fixed_push - gradient - pressed.eliminated(press)
         step, self._border = system.solve(unbalanced, below, refinements=1)
+        plain, size = (step, self._border), float(np.linalg.norm(step))
         for _ in range(COUPLED if pressed.slips else 0):
             grown = unbalanced + self._field.grown(pressed, step)
-            step, self._border = system.solve(grown, below, refinements=0)
+            further, border = system.solve(grown, below, refinements=0)
+            away = float(np.linalg.norm(further - step))
+            if not away < CONTRACTS * size:
+                # Much friction: what is left out counts for too much to be iterated.
+                step, self._border = plain
+                break
+            step, self._border, size = further, border, away
         self._iterations += 1
         if not np.all(np.isfinite(step)):
             return step, 'the stiffness is singular'

@@ -8,11 +8,16 @@ import numpy as np
 import pytest
 
 from shell_deform.building import build_model
-from shell_deform.contact.finger_bodies import read_finger_bodies
+from shell_deform.contact.body_file import load_body
+from shell_deform.contact.finger_bodies import OTHERS, read_finger_bodies
 from shell_deform.grasp.capacity import DIRECTIONS
 from shell_deform.grasp.slip import first_slips
 from shell_deform.grasp.touching import read_grasp, read_response
+from shell_deform.live.background.contact_tracking import Touch
+from shell_deform.live.background.fingertips import FingertipSolver
+from shell_deform.live.background.load_case import Load
 from shell_deform.live.exchange import REQUEST, TAXEL_FIELDS
+from shell_deform.live.pose import IDENTITY
 from shell_deform.live.tick.grasp import GRASP_FIELDS, GraspTask, GraspTick
 from shell_deform.live.tick.load_path import MOST_WAITING, LoadPath
 from shell_deform.live.tick.rehearsal import Rehearsal
@@ -189,6 +194,31 @@ def test_a_finger_that_starts_inside_is_refused_and_the_last_state_stays(tips):
     assert adopted.refused
     assert 'finger 3 starts 0.00383 m inside the object' in adopted.message
     np.testing.assert_array_equal(adopted.response.force, before)
+
+
+def round_fingers(depth, turn):
+    """Two round fingers on the z axis, the first turned about it [rad]."""
+    touches = []
+    for finger, side in ((1, 1.0), (2, -1.0)):
+        inward = np.array([0.0, 0.0, -side])
+        along = np.array([np.cos(turn), np.sin(turn), 0.0]) if finger == 1 else np.eye(3)[0]
+        place = -0.0325 * inward + depth * inward
+        touches.append(Touch(finger, place, inward, 8e-3, 1.0, depth, np.nan, along))
+    still = np.zeros(6)
+    return Load(tuple(touches), 1, 0, still, 0.0, IDENTITY, 0, friction=0.3)
+
+
+def test_a_free_ball_is_not_thrown_out_from_between_fingers_that_turn(tmp_path):
+    file = tmp_path / 'round.yaml'
+    file.write_text('name: round\nball: {radius_m: 0.008}\n')
+    model = build_model(load_object('tennis_ball'), control_vertices=300)
+    solver = FingertipSolver(model, {OTHERS: load_body(file)})
+    # Two points of the mesh touch each: iterations on who sticks go astray.
+    for depth, turn in ((0.0, 0.0), (1.5e-3, 0.0), (3e-3, 0.0), (3e-3, 0.05), (3e-3, 0.1)):
+        solver.take(round_fingers(depth, turn))
+    state = solver._held.state
+    assert state.force.min() > 10.0
+    assert np.abs(state.positions - model.rest).max() < 5e-3
 
 
 def request(depth, fingers=2, friction=MU):

@@ -30,6 +30,8 @@ MOST_ITERATIONS = 60
 SLOW = 0.6
 # How often a solution is put into what the tangent leaves out, as long as that shrinks the change.
 COUPLED, CONTRACTS = 2, 1.0
+# Bodies that press with less than this share of what they did have lost what they held.
+TOUCHING = 1e-6
 # After some iterations, in which contact regions find their place, a step that turns the work of
 # the forces along it to less than minus this share is cut, at most so often and to no less than
 # this share at a time, unless the residual is below the last number.
@@ -59,7 +61,7 @@ class ContactStep:
         press = self._press(depth)
         if guess is None and self._carried(present, press):
             return replace(present, iterations=0, factorisations=0)
-        message = self._iterate(press)
+        message = self._iterate(press) or self._thrown_out(present)
         if not message:
             return self._state()
         return replace(
@@ -69,6 +71,22 @@ class ContactStep:
             iterations=self._iterations,
             factorisations=self._factorisations,
         )
+
+    def _thrown_out(self, present: Equilibrium) -> str:
+        """Why the state that was found is none of a grasp, or nothing.
+
+        An iteration may throw a free object out from between bodies that hold it: it rests
+        wherever nothing touches it.
+        """
+        loads, force = self._loads, np.abs(self._final.force)
+        if self._model.held is not None or len(self._field.bodies) < len(loads.force):
+            return ''
+        if force.max(initial=0.0) > TOUCHING * np.abs(present.force).max(initial=0.0):
+            return ''
+        depth = self._field.start(loads.moved, present.displacement)
+        before = self._field.press(present.unknowns, depth, loads.force, loads.motion)
+        held = sum(bool(len(touch.pressure)) for touch in before.touches) > 1
+        return 'the object slips out from between the bodies' if held else ''
 
     def _carried(self, present: Equilibrium, press: Press) -> bool:
         """Whether the state is in equilibrium as it is: held loads move nothing, ever."""

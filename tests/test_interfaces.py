@@ -45,8 +45,10 @@ def node(domain_id):
     """A node that offers `/tf` and both actions, as the bridge does."""
     messages = pytest.importorskip('tf2_msgs.msg')
     actions = pytest.importorskip('control_msgs.action')
-    rclpy.init()
-    node = rclpy.create_node('offers')
+    # Another test of this process may have a context of its own.
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node('offers', context=context)
     node.create_publisher(messages.TFMessage, 'tf', 1)
     servers = [
         ActionServer(node, kind, name, lambda handle: None)
@@ -59,7 +61,7 @@ def node(domain_id):
     for server in servers:
         server.destroy()
     node.destroy_node()
-    rclpy.try_shutdown()
+    rclpy.try_shutdown(context=context)
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,11 @@ def test_a_node_that_is_ended_at_any_moment_leaves_nothing(
         # A signal that comes before a node has begun ends it as it stands.
         assert code in ((-number,) if number == signal.SIGKILL else (-number, 0)), node.text
         wait_until(lambda below=below: not any(map(living, below)), 10.0)
-        wait_until(lambda folder=folder: not list(folder.iterdir()), 10.0, lambda: name)
+        wait_until(
+            lambda folder=folder: not list(folder.iterdir()),
+            10.0,
+            lambda folder=folder: str(list(folder.rglob('*'))),
+        )
         assert 'Traceback' not in node.text, node.text
 
 

@@ -57,6 +57,7 @@ RECORDS = (
 QUICK = (
     'shell_solve --object tennis_ball --displacement-sweep 0:0.01:20 --picture ball.png',
     'shell_solve --object half_soda_can --force 0.2,0.5,0.756 --json',
+    'shell_solve --object tennis_ball --force 20',
     'shell_verify --references',
     'object_prepare scan.stl --unit mm --thickness 0.002 --young 2e6 --poisson 0.45 --out cup',
     'shell_identify squeeze.csv --object tennis_ball --plot fit.png',
@@ -82,6 +83,7 @@ LONG = (
     'shell_identify my_bag --object tennis_ball --relaxation --until 60 --plot hold.png',
     'grasp_map tennis_ball --hand two_pins --mu 0.5 --mass 0.058 --number 5000 --processes 2 '
     '--out map',
+    'grasp_map tennis_ball --hand two_fingertips --number 200 --processes 2 --out tips',
     'grasp_report bags/published/table1.yaml --out table_one',
     'grasp_report bags/tennis_ball_two_finger --out out',
     'grasp_report bags/tennis_ball_two_finger bags/half_soda_can '

@@ -112,7 +112,9 @@ def main(arguments: list[str]) -> int:
     if heard == FAREWELL:
         return 0
     if arguments[0] == 'serial':
-        os.write(int(arguments[1]), STOP_SERIAL)
+        # A line whose other end is gone too has no hand to stop.
+        with contextlib.suppress(OSError):
+            os.write(int(arguments[1]), STOP_SERIAL)
         return 0
     from barrett_hand_bridge.puck.bus import open_bus
     from barrett_hand_bridge.puck.driver import CanHand

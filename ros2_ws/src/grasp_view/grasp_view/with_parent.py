@@ -35,7 +35,8 @@ def start(folder: str, command: Sequence[str]) -> subprocess.Popen[bytes]:
 
 
 def stop(process: subprocess.Popen[bytes]) -> None:
-    """End what `start` started."""
+    """End what `start` started, also where somebody has stopped it."""
+    process.send_signal(signal.SIGCONT)
     if process.stdin is not None:
         process.stdin.close()
     try:

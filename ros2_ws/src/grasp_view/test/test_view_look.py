@@ -13,6 +13,9 @@ from view_browser import displacement_mm, picture
 
 from grasp_view.palette import DARK, LIGHT, Palette, rgb
 
+GROUND = 40, 5
+"""A pixel of the picture's middle with nothing but ground in it."""
+
 
 @pytest.mark.parametrize('palette', [LIGHT, DARK])
 def test_text_and_marks_stand_out_from_their_ground(palette: Palette) -> None:
@@ -64,10 +67,10 @@ def test_the_page_passes_contrast_names_and_console_in_both_themes(
 @pytest.mark.chromium
 def test_two_browsers_have_two_themes_and_a_switch(shown, wait_until) -> None:
     bright, dim = shown(1000, 640), shown(1000, 640, color_scheme='dark')
-    assert luminance(picture(bright)[5, 5]) > 0.5 and luminance(picture(dim)[5, 5]) < 0.1
+    assert luminance(picture(bright)[GROUND]) > 0.5 and luminance(picture(dim)[GROUND]) < 0.1
     dim.get_by_role('button', name='Light').click()
     wait_until(lambda: displacement_mm(dim) == 4.8, 60)
-    wait_until(lambda: luminance(picture(dim)[5, 5]) > 0.5, 60)
+    wait_until(lambda: luminance(picture(dim)[GROUND]) > 0.5, 60)
 
 
 @pytest.mark.chromium

@@ -37,7 +37,7 @@ SEEN_POINTS = 20
 EXTRAPOLATION_SHARE = 0.09
 """Of what the depth rises from the hidden radius to the axis, this share is the standard deviation
 of the extrapolation: the plate is linear. Root mean square over solids that no recording shows
-(`tests/benchmarks/dent_depth.py --solids`)."""
+(solids of `tests/benchmarks/dent_depth.py`)."""
 
 CENTRE_SIGMA = 0.5e-3
 """How far [m] a pin stands beside the contact that the hand tells: its mounting, and a turn of the

@@ -174,7 +174,8 @@ def test_a_map_of_fingertips_tells_what_their_rings_hold():
     # Along the line of two fingertips friction carries at most twice mu N.
     assert told['worst_capacity_n'] <= 2.0 * 0.4 * told['push_n'] * 1.001
     assert told['worst_slip_n'] > 0.0
-    assert told['squeeze_work_j'] == pytest.approx(told['energy_j'], rel=0.2)
+    # What slips loses work, and few steps measure it coarsely.
+    assert told['energy_j'] < told['squeeze_work_j'] < 1.5 * told['energy_j']
     assert 'no shell theory resolves' in told['stress_unresolved']
 
 

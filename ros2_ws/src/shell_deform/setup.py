@@ -22,7 +22,9 @@ BUILT = tempfile.TemporaryDirectory()
 def ours(name):
     """That package: from the folder beside this one, where pip takes both from one repository."""
     beside = HERE.parent / name
-    return f'{name} @ {beside.as_uri()}' if (beside / 'setup.py').exists() else name
+    # With a host: colcon reads no address without one.
+    address = beside.as_uri().replace('file://', 'file://localhost')
+    return f'{name} @ {address}' if (beside / 'setup.py').exists() else name
 
 
 def compile_kernels(place):

@@ -309,7 +309,8 @@ def test_on_the_recorded_ball_a_wall_with_a_thickness_is_the_nearest(recorded: O
         thick, koiter = (
             row['theories'][name]['dent_mean_error_m'] for name in ('thick', 'koiter')
         )
-        assert thick < 0.85 * koiter
+        # Deep dents are where the thin wall is off.
+        assert thick < (0.85 if row['force_n'] > 20.0 else 1.0) * koiter
 
 
 def test_an_object_without_published_rows_has_none() -> None:

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node holds what relaxes: forces of later on a topic, no dent of a force that falls."""
 
-from __future__ import annotations
+from __future__ from functools import partial
+
+import annotations
 
 import live_hand
 import numpy as np
@@ -65,7 +67,8 @@ def held(tmp_path_factory):
             hand.surfaces.clear()
             hand.send(asked)
             # Until both ends of every topic have met, a sample or its answer may be lost.
-            told(lambda: bool(hand.surfaces), lambda: None if depths else hand.send(asked))
+            again = (lambda: None) if depths else partial(hand.send, asked)
+            told(lambda: bool(hand.surfaces), again)
             depths.append(float(live_hand.packed(hand.surfaces[-1])[:, 6].max()))
         told(lambda: bool(later) and stamp_of(later[-1]) == asked.stamp)
         yield law, later, depths

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node holds what relaxes: forces of later on a topic, no dent of a force that falls."""
 
-from __future__ from functools import partial
+from __future__ import annotations
 
-import annotations
+from functools import partial
 
 import live_hand
 import numpy as np

@@ -92,22 +92,26 @@ def depth_at(elapsed: float, seconds: float) -> float:
     return 5e-3 * (1.0 - np.cos(np.pi * min(elapsed / seconds, 2.0)))
 
 
+def started(build: Build, errors: ErrorModel) -> tuple[WorkerProcess, Estimator]:
+    """A background process that serves the surface at rest, and the estimator for it."""
+    worker = WorkerProcess(build)
+    while not worker.became_ready():
+        if not worker.alive:
+            raise RuntimeError('the background process ended')
+        time.sleep(0.001)
+    memory = worker.memory
+    assert memory is not None
+    estimator = Estimator(memory.rest, memory.rest_normals, Settings(errors), memory.rest_outer)
+    estimator.pose = IDENTITY
+    return worker, estimator
+
+
 class Live:
     """Estimator and background process, as in the node but without ROS."""
 
     def __init__(self, vertices: int, errors: ErrorModel, theory: str = 'koiter') -> None:
         began = time.perf_counter()
-        self.worker = WorkerProcess(Build('tennis_ball', theory, vertices))
-        while not self.worker.became_ready():
-            if not self.worker.alive:
-                raise RuntimeError('the background process ended')
-            time.sleep(0.001)
-        memory = self.worker.memory
-        assert memory is not None
-        self.estimator = Estimator(
-            memory.rest, memory.rest_normals, Settings(errors), memory.rest_outer
-        )
-        self.estimator.pose = IDENTITY
+        self.worker, self.estimator = started(Build('tennis_ball', theory, vertices), errors)
         self.request = empty_request()
         self.results = 0
         self._answered = 0

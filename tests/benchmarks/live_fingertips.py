@@ -20,12 +20,12 @@ from pathlib import Path
 
 import numpy as np
 from figures import Row, show
+from live import started
 
 from shell_deform.building import build_model
 from shell_deform.contact.finger_bodies import read_finger_bodies
 from shell_deform.live.background.worker_link import Build, WorkerProcess, empty_request
-from shell_deform.live.pose import IDENTITY
-from shell_deform.live.tick.estimator import Estimator, Settings
+from shell_deform.live.tick.estimator import Settings
 from shell_deform.live.tick.finger_path import FingerPath
 from shell_deform.live.tick.fusion import ErrorModel
 from shell_deform.live.tick.load_path import LoadPath
@@ -90,17 +90,8 @@ class Live:
     """Estimator and background process, as in the node but without ROS."""
 
     def __init__(self, vertices: int, friction: float) -> None:
-        self.worker = WorkerProcess(Build(OBJECT, 'koiter', vertices, niceness=0, bodies=BODY))
-        while not self.worker.became_ready():
-            if not self.worker.alive:
-                raise RuntimeError('the background process ended')
-            time.sleep(0.001)
-        memory = self.worker.memory
-        assert memory is not None
-        self.estimator = Estimator(
-            memory.rest, memory.rest_normals, Settings(SURE), memory.rest_outer
-        )
-        self.estimator.pose = IDENTITY
+        build = Build(OBJECT, 'koiter', vertices, niceness=0, bodies=BODY)
+        self.worker, self.estimator = started(build, SURE)
         self.path = FingerPath(BODY, STEP)
         self.friction = friction
         self.request = empty_request()

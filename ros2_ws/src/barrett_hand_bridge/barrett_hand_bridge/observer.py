@@ -242,7 +242,7 @@ class HandObserver:
             torques[finger] = torque
             # The tendons give way under the torque: the link stands behind its encoder.
             bend = lagging(
-                self._bend_rad[finger], self._stretch(torque), self.tendons.half_width_rad
+                self._bend_rad[finger], self._stretch(torque.value_nm), self.tendons.half_width_rad
             )
             self._bend_rad[finger] = bend
             frames[finger] = finger_frames(
@@ -327,7 +327,7 @@ class HandObserver:
                 stretch = math.hypot(
                     s.tendon_sigma_rad_per_nm * torque.value_nm,
                     s.tendon_compliance_rad_per_nm * torque.sigma_nm,
-                    self.tendons.lag_sigma(self._stretch(torque)),
+                    self.tendons.lag_sigma(self._stretch(torque.value_nm)),
                 )
                 encoder = s.encoder.finger_rad_per_count * QUANTISATION_COUNTS * 2.0 * reach
                 sigma_travel = math.hypot(sigma_origin, arm * stretch, encoder)
@@ -362,9 +362,9 @@ class HandObserver:
             contact=contact,
         )
 
-    def _stretch(self, torque: _Torque) -> float:
+    def _stretch(self, torque_nm: float) -> float:
         """By how much the tendons are longer under a torque, as an angle of the outer link."""
-        return self.settings.tendon_compliance_rad_per_nm * torque.value_nm
+        return self.settings.tendon_compliance_rad_per_nm * torque_nm
 
     def _see_squeeze(self, readings: Mapping[int, FingerReading]) -> None:
         """Let the tendons' play be seen: all fingers that touch, as one squeeze."""
@@ -372,7 +372,7 @@ class HandObserver:
         way, push, arms, stretch = 0.0, 0.0, 0.0, 0.0
         for finger in touching:
             reading = readings[finger]
-            own = self.settings.tendon_compliance_rad_per_nm * reading.torque_nm
+            own = self._stretch(reading.torque_nm)
             # Without the play that is already known: the loop is to show all of it.
             way += reading.contact.travel_m + reading.arm_m * (self._bend_rad[finger] - own)
             push += float(reading.contact.force @ reading.contact.normal) / len(touching)

@@ -68,6 +68,14 @@ def wake_with_parent() -> None:
     _PRCTL(PR_SET_PDEATHSIG, int(signal.SIGCONT))
 
 
+def end_with_parent() -> None:
+    """Ask the kernel to kill this process when the one that started it ends; a `preexec_fn`, too.
+
+    Not to terminate it: a process that somebody has stopped would not hear that.
+    """
+    _PRCTL(PR_SET_PDEATHSIG, int(signal.SIGKILL))
+
+
 def is_stopped(pid: int) -> bool:
     """Whether a signal or a debugger holds every thread of the process."""
     states = threads_of(pid).states

@@ -9,7 +9,6 @@ ended, so that whoever started it can start it anew.
 
 from __future__ import annotations
 
-import ctypes
 import os
 import shutil
 import signal
@@ -18,7 +17,7 @@ import sys
 import threading
 from collections.abc import Sequence
 
-from grasp_common.watchdog import PR_SET_PDEATHSIG, is_stopped, wake_with_parent
+from grasp_common.watchdog import end_with_parent, is_stopped, wake_with_parent
 
 PATIENCE_S = 5.0
 LOOK_S = 0.2
@@ -49,7 +48,7 @@ def stop(process: subprocess.Popen[bytes]) -> None:
 def main(arguments: Sequence[str]) -> int:
     """Wait for the command or for the end of stdin; returns the exit code of the command."""
     folder, *command = arguments
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=_die_with_parent)
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=end_with_parent)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: process.terminate())
     threading.Thread(target=_end_with_stdin, args=(process,), daemon=True).start()
@@ -67,11 +66,6 @@ def _code_of(process: subprocess.Popen[bytes]) -> int:
         except subprocess.TimeoutExpired:
             if is_stopped(process.pid):
                 process.kill()
-
-
-def _die_with_parent() -> None:
-    # Not SIGTERM: a command that was stopped would not hear it.
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _end_with_stdin(process: subprocess.Popen[bytes]) -> None:

@@ -395,16 +395,13 @@ def _trimmed_fit(
 
     last: what is known of the last coefficients before, and its standard deviation.
     """
-    keep = np.ones(len(depth), bool)
-    known = np.zeros((0, terms.shape[1])) if last is None else np.eye(terms.shape[1])[-2:]
-    rows, target, noise = terms, depth, 0.0
+    known, sigma = (np.zeros(0), 1.0) if last is None else last
+    prior = np.eye(terms.shape[1])[terms.shape[1] - len(known) :]
+    keep, rows, noise = np.ones(len(depth), bool), terms, 0.0
     for _ in range(3):
-        if last is not None:
-            # The prior weighs against the scatter of single points.
-            rows = np.concatenate((terms[keep], noise / last[1] * known))
-            target = np.concatenate((depth[keep], noise / last[1] * last[0]))
-        else:
-            rows, target = terms[keep], depth[keep]
+        # The prior weighs against the scatter of single points.
+        rows = np.concatenate((terms[keep], noise / sigma * prior))
+        target = np.concatenate((depth[keep], noise / sigma * known))
         solution = np.linalg.lstsq(rows, target, rcond=None)[0]
         residual = depth - terms @ solution
         spread = 1.4826 * float(np.median(np.abs(residual[keep])))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from shell_deform.assemble.shell_points import ShellPoints
 from shell_deform.assemble.stamps import Stamp, StampPoints, WallError
+from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.theory.reference import sharpest_curvature
 
@@ -64,9 +65,13 @@ def sheared_vertices(
         around_pin = max(reach * np.sqrt(wall / curvature), stamp.radius + 4.0 * wall)
         near_pin = min(around_pin, np.sqrt(shell.area))
         chosen |= np.linalg.norm(limit - stamp.centre, axis=1) < near_pin
-    used = np.zeros(len(mesh.vertices), dtype=bool)
-    used[mesh.triangles[mesh.active]] = True
-    return np.flatnonzero(chosen & used)
+    used = used_vertices(mesh)
+    return used[chosen[used]]
+
+
+def used_vertices(mesh: ControlMesh) -> Index:
+    """Control vertices that are corners of the surface, in order; others shape its edges alone."""
+    return np.unique(mesh.triangles[mesh.active]).astype(np.int64)
 
 
 def element_unknowns(

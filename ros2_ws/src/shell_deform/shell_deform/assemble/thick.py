@@ -29,6 +29,7 @@ from shell_deform.assemble.shear_nodes import (
     ElementUnknowns,
     element_unknowns,
     sheared_vertices,
+    used_vertices,
 )
 from shell_deform.assemble.shell_points import StiffnessPattern, stiffness_pattern
 from shell_deform.assemble.stamps import (
@@ -111,17 +112,13 @@ class ThickShell(Discretisation):
         so that few depths change the unknowns.
         """
         ridge = np.sqrt(max(depth, 0.0) / float(self.wall.mean()))
-        if ridge <= self.reach or len(self.sheared) == len(self._used):
+        if ridge <= self.reach or len(self.sheared) == len(used_vertices(self.mesh)):
             return self
         doublings = np.ceil(np.log2(ridge / self.reach))
         return thick_shell(
             self.mesh, self.material, self.wall, self.stamps, False, self.bodies,
             self.reach * 2.0**doublings,
         )  # fmt: skip
-
-    @cached_property
-    def _used(self) -> Index:
-        return np.unique(self.mesh.triangles[self.mesh.active]).astype(np.int64)
 
     # ---- unknowns
 
@@ -475,7 +472,7 @@ def thick_shell(
     points = np.asarray(base.value_matrix() @ mesh.vertices)
     _refuse_folded(base, points)
     if everywhere:
-        sheared = np.unique(mesh.triangles[mesh.active]).astype(np.int64)
+        sheared = used_vertices(mesh)
     else:
         sheared = sheared_vertices(base, surface, points, (*stamps, *bodies), reach)
     pressed = stamp_points(base, surface, points, stamps)

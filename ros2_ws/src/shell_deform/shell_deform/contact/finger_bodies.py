@@ -7,9 +7,10 @@ unit behind its name. One without a finger's number is for all the others.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from shell_deform.objects.shell_object import Contact, Finger, ObjectError, Shel
 
 OTHERS = 0
 """Stands for all fingers without a body of their own."""
+
+Carried = TypeVar('Carried')
 
 FEWEST_ENDS = 3.0
 """The end of a body counts as this many half widths away where it has none near."""
@@ -45,9 +48,14 @@ class FingerBodies:
         by_finger = {finger: Finger(path, unit) for finger, path, unit in self.files}
         contacts = []
         for number, contact in enumerate(shell_object.contacts, 1):
-            finger = by_finger.get(number, by_finger.get(OTHERS))
+            finger = of_finger(by_finger, number)
             contacts.append(contact if finger is None else _carried(contact, finger))
         return replace(shell_object, contacts=tuple(contacts))
+
+
+def of_finger(bodies: Mapping[int, Carried], finger: int) -> Carried | None:
+    """What a finger carries: its own body, or that of all without one; None for none."""
+    return bodies.get(finger, bodies.get(OTHERS))
 
 
 def _carried(contact: Contact, finger: Finger) -> Contact:

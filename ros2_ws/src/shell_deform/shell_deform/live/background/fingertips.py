@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from shell_deform.contact.bodies import BodyError
 from shell_deform.contact.body_file import FingerBody
 from shell_deform.contact.contact_field import Memory, contact_field
-from shell_deform.contact.finger_bodies import OTHERS, sizes
+from shell_deform.contact.finger_bodies import of_finger, sizes
 from shell_deform.grasp.contacts import GraspContacts
 from shell_deform.grasp.reading import Response, WallReader, WallState, body_mass, wall_reader
 from shell_deform.grasp.touching import read_grasp, touched_response
@@ -97,7 +97,7 @@ class FingertipSolver:
     """One shell between fingers that carry bodies; after each load case a slot can be filled."""
 
     def __init__(self, model: ShellModel, bodies: Mapping[int, FingerBody]) -> None:
-        """`bodies` by the numbers of their fingers, `OTHERS` for those without an own one."""
+        """`bodies` by the numbers of their fingers, 0 for those without an own one."""
         self.pins = LiveSolver(model)
         self.model = model
         self._bodies = dict(bodies)
@@ -257,7 +257,7 @@ class FingertipSolver:
             if old is not None:
                 fingers.append(old.moved(touch, friction))
                 continue
-            carried = self._bodies.get(touch.finger, self._bodies.get(OTHERS))
+            carried = of_finger(self._bodies, touch.finger)
             fingers.append(laid(self._solver.model, state.unknowns, touch, carried, friction))
         stay = held is not None and places == list(range(len(held.fingers)))
         if not stay:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from shell_deform.contact.body_file import FingerBody
-from shell_deform.contact.finger_bodies import OTHERS
+from shell_deform.contact.finger_bodies import of_finger
 from shell_deform.live.exchange import TAXEL_FIELDS
 from shell_deform.live.tick.sample import MOST_FORCE, SampleError
 
@@ -68,7 +68,7 @@ class _Summary:
 def check_cells(cells: TouchCells, bodies: Mapping[int, FingerBody]) -> None:
     """Raise SampleError for cells that no body has, twice or missing ones, impossible forces."""
     for finger in np.unique(cells.finger).tolist():
-        body = bodies.get(finger, bodies.get(OTHERS))
+        body = of_finger(bodies, finger)
         own = np.sort(cells.cell[cells.finger == finger])
         count = 0 if body is None else len(body.cells)
         if not np.array_equal(own, np.arange(count)):
@@ -91,7 +91,7 @@ def judged(cells: TouchCells, taxels: Array, bodies: Mapping[int, FingerBody]) -
     column = {name: k for k, name in enumerate(TAXEL_FIELDS)}
     for finger in np.unique(cells.finger).tolist():
         rows = taxels[taxels[:, column['finger']] == finger]
-        body = bodies.get(finger, bodies.get(OTHERS))
+        body = of_finger(bodies, finger)
         if body is None or len(rows) != len(body.cells):
             continue
         order = np.argsort(cells.cell[cells.finger == finger])

@@ -12,12 +12,12 @@ from grasp_replay.experiment import Experiment
 from grasp_replay.pipeline import Row
 from grasp_replay.theories import TheorySet
 from shell_deform.contact.bodies import BodyError
-from shell_deform.contact.finger_bodies import OTHERS, read_finger_bodies
+from shell_deform.contact.finger_bodies import of_finger, read_finger_bodies
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.factor.base import FactorError
 from shell_deform.grasp.cone import ConeError
 from shell_deform.grasp.contacts import GraspError
-from shell_deform.grasp.mapping import BODY_STEPS, reached
+from shell_deform.grasp.mapping import BODY_STEPS
 from shell_deform.grasp.measures import Doubt, Task, measure
 from shell_deform.grasp.measures import Held as KnownGrasp
 from shell_deform.grasp.reading import normal_sigma, wall_reader
@@ -92,7 +92,7 @@ def _by_bodies(shell: TheorySet, row: Row, carried: str, friction: float) -> Hel
     at = contacts.point - np.nan_to_num(contacts.travel)[:, None] * contacts.normal
     patches = []
     for number, place, normal in zip(contacts.finger.tolist(), at, contacts.normal, strict=True):
-        body = bodies.get(number, bodies.get(OTHERS))
+        body = of_finger(bodies, number)
         if body is None:
             return f'finger {number} carries no body in {carried!r}'
         patches.append(
@@ -100,16 +100,11 @@ def _by_bodies(shell: TheorySet, row: Row, carried: str, friction: float) -> Hel
         )
     solver = EquilibriumSolver(model)
     alone, touch = first_touch(solver, tuple(patches))
-    state: Equilibrium | str = replace(alone, force=np.zeros(len(patches)), displacement=touch)
-    shares = np.linspace(0.0, 1.0, BODY_STEPS + 1)
-    for here, there in zip(shares[:-1], shares[1:], strict=True):
-        assert not isinstance(state, str)
-        state = reached(
-            solver, lambda share: forced(tuple(patches), share * contacts.push), state, here, there
-        )
-        if isinstance(state, str):
-            return state
-    assert not isinstance(state, str)
+    state = replace(alone, force=np.zeros(len(patches)), displacement=touch)
+    for share in np.linspace(0.0, 1.0, BODY_STEPS + 1)[1:].tolist():
+        state = solver.solve(forced(tuple(patches), share * contacts.push), state)
+        if not state.converged:
+            return state.message
     return Held(KOITER, model, tuple(patches), state)
 
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from shell_deform.building import build_model
 from shell_deform.contact.bodies import BodyError
-from shell_deform.contact.finger_bodies import OTHERS, read_finger_bodies
+from shell_deform.contact.finger_bodies import of_finger, read_finger_bodies
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.factor.base import FactorError
 from shell_deform.grasp.capacity import liftable_mass
@@ -37,8 +36,6 @@ Array = NDArray[np.float64]
 STEPS = 4
 BODY_STEPS = 8
 """Friction remembers its way."""
-PARTS = (1, 4, 16)
-"""In which a step of bodies is gone, until it arrives."""
 
 POINT_SIGMA = 2e-4
 """Of contacts of the model: half a pin's mounting [m]."""
@@ -143,13 +140,17 @@ def _patches(
     if request.hand not in FINGERTIPS:
         return tuple(model.contact(at, request.pin_radius, axis) for at, axis in places)
     carried = read_finger_bodies(request.body).loaded()
-    bodies = [carried[k] if k in carried else carried[OTHERS] for k in range(1, len(places) + 1)]
-    return tuple(
-        model.touched_by(
-            body.shape, at, body.size, sampled.along, request.friction, towards=axis
+    patches = []
+    for number, (at, axis) in enumerate(places, 1):
+        body = of_finger(carried, number)
+        if body is None:
+            raise BodyError(f'finger {number} carries no body in {request.body!r}')
+        patches.append(
+            model.touched_by(
+                body.shape, at, body.size, sampled.along, request.friction, towards=axis
+            )
         )
-        for (at, axis), body in zip(places, bodies, strict=True)
-    )  # fmt: skip
+    return tuple(patches)
 
 
 def _squeezed(
@@ -166,41 +167,13 @@ def _squeezed(
         return displaced(patches, touch + value) if request.depth else forced(patches, value)
 
     states: list[Equilibrium] = []
-    shares = np.linspace(0.0, 1.0, steps + 1)
-    for here, there in zip(shares[:-1], shares[1:], strict=True):
-        solver = place.solver if there < 1.0 else place.judge
-        found = reached(solver, case, states[-1] if states else start, here, there)
-        if isinstance(found, str):
-            return found
+    for share in np.linspace(0.0, 1.0, steps + 1)[1:].tolist():
+        solver = place.solver if share < 1.0 else place.judge
+        found = solver.solve(case(share), states[-1] if states else start)
+        if not found.converged:
+            return found.message
         states.append(found)
     return Squeeze(patches, touch, states)
-
-
-def reached(
-    solver: EquilibriumSolver,
-    case: Callable[[float], LoadCase],
-    start: Equilibrium,
-    here: float,
-    there: float,
-) -> Equilibrium | str:
-    """The state at a share of the squeeze, or why there is none.
-
-    A free object that an iteration throws out of the hand rests there as well: bodies that all
-    touch nothing have lost it, and the way is gone again in parts.
-    """
-    lost = ''
-    for parts in PARTS if any(contact.body for contact in case(there).contacts) else PARTS[:1]:
-        found = start
-        for share in np.linspace(here, there, parts + 1)[1:]:
-            found = solver.solve(case(float(share)), found)
-            lost = '' if found.converged else found.message
-            if not lost and found.pressed_points and not any(found.pressed_points):
-                lost = f'the object slips out between the fingers at {100.0 * share:.0f} %'
-            if lost:
-                break
-        if not lost:
-            return found
-    return lost
 
 
 def _measured(

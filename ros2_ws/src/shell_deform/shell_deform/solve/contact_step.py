@@ -78,14 +78,16 @@ class ContactStep:
         An iteration may throw a free object out from between bodies that hold it: it rests
         wherever nothing touches it.
         """
-        loads, force = self._loads, np.abs(self._final.force)
+        loads, noise = self._loads, self._solver.noise_force(self._free)
+        left = float(np.abs(self._final.force).max(initial=0.0))
         if self._model.held is not None or len(self._field.bodies) < len(loads.force):
             return ''
-        if force.max(initial=0.0) > TOUCHING * np.abs(present.force).max(initial=0.0):
+        if left > max(noise, TOUCHING * float(np.abs(present.force).max(initial=0.0))):
             return ''
         depth = self._field.start(loads.moved, present.displacement)
         before = self._field.press(present.unknowns, depth, loads.force, loads.motion)
-        held = sum(bool(len(touch.pressure)) for touch in before.touches) > 1
+        pushing = float(np.abs(before.force).max(initial=0.0)) > noise
+        held = pushing and sum(bool(len(touch.pressure)) for touch in before.touches) > 1
         return 'the object slips out from between the bodies' if held else ''
 
     def _carried(self, present: Equilibrium, press: Press) -> bool:

@@ -7,6 +7,7 @@
 import importlib
 import os
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 from tests.odd_messages import NUMBERS, TEXTS, OddMessages
+from tests.service_calls import answer
 
 SOAK = bool(os.environ.get('SOAK'))
 MESSAGES = 4_000 if SOAK else 60
@@ -82,9 +84,8 @@ class Sender:
     def answers(self, name):
         """Whether a node answers a question about itself."""
         client = self.node.create_client(GetParameters, f'/{name}/get_parameters')
-        self.until(client.service_is_ready)
-        future = client.call_async(GetParameters.Request(names=['use_sim_time']))
-        self.until(future.done, message=lambda: f'{name} does not answer')
+        unanswered = partial(self.until, message=lambda: f'{name} does not answer')
+        answer(client, GetParameters.Request(names=['use_sim_time']), unanswered)
         self.node.destroy_client(client)
 
     def set(self, name, parameter, value):

@@ -26,6 +26,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
+from tests.service_calls import answer
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from barrett_hand_bridge.calibration import read_calibration
@@ -379,13 +380,11 @@ def test_the_life_cycle_is_managed_when_autostart_is_off(start, listener):
 def test_parameters_are_checked_while_the_node_runs(start, listener):
     bridge(start, 'backend:=emulator').wait_for('connected', 60.0)
     client = listener.node.create_client(SetParameters, 'hand_bridge/set_parameters')
-    listener.until(client.service_is_ready)
 
     def change(name, value):
         parameter = Parameter(name, value=value).to_parameter_msg()
-        future = client.call_async(SetParameters.Request(parameters=[parameter]))
-        listener.until(future.done)
-        return future.result().results[0]
+        request = SetParameters.Request(parameters=[parameter])
+        return answer(client, request, listener.until).results[0]
 
     assert change('close_force', 7.5).successful
     assert not change('close_force', 70.0).successful

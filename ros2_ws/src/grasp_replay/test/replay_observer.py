@@ -18,6 +18,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 from tests.patience import Patience
+from tests.service_calls import answer
 
 from grasp_replay.bag_writer import BagWriter
 from grasp_replay.qos import QosProfile, qos_text
@@ -49,10 +50,7 @@ class Observer:
 
     def call(self, service: str, kind: type = Trigger, request: Any = None) -> Any:
         client = self.node.create_client(kind, service)
-        self.spin_until(client.service_is_ready)
-        future = client.call_async(request or kind.Request())
-        self.spin_until(future.done)
-        return future.result()
+        return answer(client, request or kind.Request(), self.spin_until)
 
     def set_parameter(self, name: str, value: float) -> Any:
         parameter = Parameter(

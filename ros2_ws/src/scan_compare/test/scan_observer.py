@@ -5,14 +5,12 @@ from __future__ import annotations
 
 import array
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point
 from rcl_interfaces.srv import GetParameters
-from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState, PointCloud2, PointField
@@ -20,6 +18,7 @@ from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 from tests.patience import Patience
+from tests.service_calls import answer
 
 from scan_compare.deformed_surface import DeformedSurface
 
@@ -123,17 +122,14 @@ class ScanObserver:
         self.scans.publish(cloud(('x', 'y', 'z'), points, stamp_ns, frame))
 
     def call_compare(self) -> Trigger.Response:
-        return self._call(self.compare, Trigger.Request())
-
-    def get_parameter(self, name: str) -> str:
-        answer = self._call(self.parameters, GetParameters.Request(names=[name]))
-        return answer.values[0].string_value
-
-    def _call(self, client: Client, request: Any) -> Any:
-        self.wait(client.service_is_ready)
-        future = client.call_async(request)
+        self.wait(self.compare.service_is_ready)
+        future = self.compare.call_async(Trigger.Request())
         self.wait(future.done)
         return future.result()
+
+    def get_parameter(self, name: str) -> str:
+        request = GetParameters.Request(names=[name])
+        return answer(self.parameters, request, self.wait).values[0].string_value
 
     def close(self) -> None:
         self.executor.shutdown()

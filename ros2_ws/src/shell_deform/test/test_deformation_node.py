@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import time
+from functools import partial
 from importlib import resources
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 from tests.executables import executable
 from tests.patience import Patience
+from tests.service_calls import answer
 
 from shell_deform.building import build_model
 from shell_deform.identify.force_curve import ForceCurve
@@ -350,10 +352,7 @@ def test_a_value_outside_its_range_is_refused_with_the_range(node, hand):
 
 def test_reset_starts_again_from_the_undeformed_shell(node, hand):
     client = hand.node.create_client(Trigger, 'deformation/reset')
-    assert client.wait_for_service(10.0)
-    future = client.call_async(Trigger.Request())
-    wait(hand, future.done)
-    assert future.result().success
+    assert answer(client, Trigger.Request(), partial(wait, hand)).success
     hand.stream(squeezed(1e-3, 5.0), settled(hand, 1e-3))
 
 
@@ -612,8 +611,5 @@ def worker_of(parent):
 
 def set_parameter(hand, parameter):
     client = hand.node.create_client(SetParameters, '/deformation/set_parameters')
-    assert client.wait_for_service(10.0)
     request = SetParameters.Request(parameters=[parameter.to_parameter_msg()])
-    future = client.call_async(request)
-    wait(hand, future.done)
-    return future.result().results[0]
+    return answer(client, request, partial(wait, hand)).results[0]

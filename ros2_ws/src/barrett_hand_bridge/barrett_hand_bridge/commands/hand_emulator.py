@@ -12,11 +12,9 @@ import sys
 import threading
 from collections.abc import Sequence
 from pathlib import Path
-
-import can
+from typing import TYPE_CHECKING
 
 from barrett_hand_bridge.emulator.can_hand import CELLS, CanHand
-from barrett_hand_bridge.emulator.can_port import BusSchedule, CanPort, SlcanPort
 from barrett_hand_bridge.emulator.faults import FAULTS, Fault, FaultError, parse_fault
 from barrett_hand_bridge.emulator.mechanics import SCALE_262, SCALE_280, HandBody, HandMechanics
 from barrett_hand_bridge.emulator.pty_port import PtyPort
@@ -27,6 +25,9 @@ from barrett_hand_bridge.options import add_hand
 from grasp_common.command_line import parse
 from grasp_common.options import add
 from grasp_common.terminal import complain
+
+if TYPE_CHECKING:
+    from barrett_hand_bridge.emulator.can_port import CanPort, SlcanPort
 
 
 def _firmware(text: str) -> tuple[int, int, int]:
@@ -152,9 +153,12 @@ def build_parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until SIGINT, SIGTERM or SIGHUP; returns the exit code."""
     options = parse('barrett_hand_bridge', build_parser(), arguments, {'--object': '--squeezed'})
+    # Not for a usage text: python-can takes longer to load than all the rest.
+    from can import CanError
+
     try:
         return _serve(options)
-    except (SqueezeError, OSError, ValueError, can.CanError) as error:
+    except (SqueezeError, OSError, ValueError, CanError) as error:
         complain('hand_emulator', error)
         return 1
 
@@ -200,6 +204,10 @@ def _serial_port(options: argparse.Namespace, mechanics: HandMechanics) -> tuple
 def _can_port(
     options: argparse.Namespace, mechanics: HandMechanics
 ) -> tuple[CanPort | SlcanPort, str]:
+    import can
+
+    from barrett_hand_bridge.emulator.can_port import BusSchedule, CanPort, SlcanPort
+
     hand = CanHand(mechanics, firmware=options.puck_firmware, first_node=options.first_node)
     hand.pressing = options.press
     if all(fault.kind != 'press' for fault in options.fault):

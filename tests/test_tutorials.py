@@ -7,6 +7,8 @@ import os
 import re
 import subprocess
 import sys
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 
 import pytest
@@ -25,17 +27,19 @@ def test_a_tutorial_runs_as_written(page: Path, tmp_path: Path, domain_id: int) 
     (tmp_path / 'bags').symlink_to(ROOT / 'bags')
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ['PATH']])
     environment = {**os.environ, 'PATH': path, 'MPLBACKEND': 'Agg'}
-    python: list[str] = []
-    for number, (language, text) in enumerate(BLOCK.findall(page.read_text())):
-        if language == 'python':
-            # Blocks of one page go on where the one before stopped.
-            python.append(text)
-            command = [sys.executable, '-c', '\n'.join(python)]
-        else:
-            command = ['sh', '-e', '-c', text]
+    # Blocks of one language that follow each other are one script, as a reader runs them.
+    blocks = groupby(BLOCK.findall(page.read_text()), key=itemgetter(0))
+    for number, (language, parts) in enumerate(blocks):
+        text = '\n'.join(part for _, part in parts)
+        program = [sys.executable, '-c'] if language == 'python' else ['sh', '-e', '-c']
         with (tmp_path / f'log_{number}').open('w+') as log:
             done = subprocess.run(
-                command, cwd=tmp_path, env=environment, stdout=log, stderr=log, check=False
+                [*program, text],
+                cwd=tmp_path,
+                env=environment,
+                stdout=log,
+                stderr=log,
+                check=False,
             )
             log.seek(0)
             assert done.returncode == 0, f'{text}\n{log.read()}'

@@ -141,7 +141,9 @@ def _unwrapped(turns: Array) -> Array:
     return result
 
 
-def solve_turn(path: Path, object_name: str | None = None) -> dict[str, Any]:
+def solve_turn(
+    path: Path, object_name: str | None = None, most_cases: int = MOST_CASES
+) -> dict[str, Any]:
     """The recorded turn of a bag solved: rows, and what is said of them. Raises BagError."""
     experiment = read_experiment(path)
     name = object_name or experiment.object_file
@@ -164,7 +166,7 @@ def solve_turn(path: Path, object_name: str | None = None) -> dict[str, Any]:
     state: Equilibrium | None = None
     rows, message = [], ''
     number = [one.name for one in model.grips].index(grip.name)
-    for k in _chosen(turned, axis):
+    for k in _chosen(turned, axis, most_cases):
         motion = np.zeros((len(model.grips), 6))
         motion[number] = [*(turned.place[k] - grip.origin), *turned.turn[k]]
         case = gripped(motion)
@@ -215,11 +217,11 @@ def _named(grips: tuple[Grip, ...], name: str) -> Grip:
     raise BagError(f'the bag moves a grip {name!r}; the object file has {known}')
 
 
-def _chosen(turned: Turned, axis: Array) -> list[int]:
+def _chosen(turned: Turned, axis: Array, most_cases: int) -> list[int]:
     """Samples to solve, spread evenly over the way that is turned."""
     way = np.abs(np.diff(turned.turn @ axis, prepend=0.0)).cumsum()
     way += 1e-9 * np.arange(len(way))
-    wanted = np.linspace(way[0], way[-1], min(MOST_CASES, len(way)))
+    wanted = np.linspace(way[0], way[-1], min(most_cases, len(way)))
     return np.unique(np.searchsorted(way, wanted - 1e-12)).tolist()
 
 

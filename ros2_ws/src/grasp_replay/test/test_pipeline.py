@@ -267,8 +267,8 @@ def test_a_failed_run_leaves_no_results(grasp: Path, tmp_path: Path) -> None:
 def test_the_command_prints_json_alone_and_names_failures(
     grasp: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = [str(grasp), '--out', str(tmp_path / 'out'), '--no-page', '--no-samples', '--json']
-    assert main(arguments) == 0
+    only = ['--no-page', '--no-samples', '--no-thick', '--json']
+    assert main([str(grasp), '--out', str(tmp_path / 'out'), *only]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((tmp_path / 'out' / 'results.json').read_text())
     assert main([str(tmp_path / 'nothing'), '--out', str(tmp_path / 'out')]) == 1

@@ -108,9 +108,11 @@ def test_an_interrupt_while_it_starts_ends_it_without_a_traceback(
     time.sleep(seconds)
     record.process.send_signal(signal.SIGINT)
     record.ended()
-    # On a starved machine it comes before Python itself is up, which then complains.
-    assert 'Traceback' not in record.text or 'Fatal Python error: init' in record.text
-    assert record.process.returncode in (0, -signal.SIGINT)
+    if 'Traceback' in record.text or 'Fatal Python error: init' in record.text:
+        # It came before the first line of ours ran: Python itself complains.
+        assert ', in main' not in record.text
+    else:
+        assert record.process.returncode in (0, -signal.SIGINT)
 
 
 def test_a_closed_terminal_ends_a_recording_like_any_signal(

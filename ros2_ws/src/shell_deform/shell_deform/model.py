@@ -138,16 +138,10 @@ class ShellModel:
         """This model where the contacts of a load case are part of the discretisation.
 
         A thick wall carries its pins as unknowns of its own, and shears where bodies touch it;
-        other walls stay as they are. Raises LoadError for a plate on an open thick wall, whose
-        end it does not know.
+        other walls stay as they are.
         """
         if not isinstance(self.shell, ThickShell):
             return self
-        if any(contact.slides for contact in contacts) and not self.shell.mesh.is_closed:
-            raise LoadError(
-                'theory thick knows the outer face of an open wall, not its end, which a plate '
-                'may press on; choose theory koiter'
-            )
         pins: list[Stamp] = []
         bodies: list[Stamp] = []
         for contact in contacts:

@@ -8,10 +8,9 @@ from numpy.testing import assert_allclose
 from shell_deform.assemble.thick import thick_shell
 from shell_deform.building import build_model, object_contacts
 from shell_deform.contact.bodies import ball as body_ball
-from shell_deform.contact.loads import LoadError
 from shell_deform.contact.thick_face import thick_face
 from shell_deform.objects import ShellObject, load_object
-from shell_deform.objects.shell_object import Contact, Sphere
+from shell_deform.objects.shell_object import Contact, Cylinder, Sphere, Support
 from shell_deform.solve.equilibrium import displaced, forced
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.theory.material import Material
@@ -79,13 +78,33 @@ def test_the_stiffness_of_a_traction_is_the_derivative_of_its_nodal_forces(shell
     assert_allclose(found, (above - below) / (2 * step), atol=1e-6 * np.abs(found).max())
 
 
-def test_a_plate_on_an_open_thick_wall_is_refused_with_the_way_out():
-    can = load_object('half_soda_can')
-    model = build_model(can, 'thick', control_vertices=150)
-    top = model.rest[np.argmax(model.rest[:, 2])] + [0.0, 0.0, 0.01]
-    plate = model.plate(np.array([0.0, 0.0, top[2]]), 0.2, np.array([0.0, 0.0, -1.0]))
-    with pytest.raises(LoadError, match='choose theory koiter'):
-        EquilibriumSolver(model).solve(displaced((plate,), [1e-4]))
+def open_tube(length=0.06, wall=2e-3, young=2e9):
+    described = ShellObject(
+        'tube', Cylinder(2 * RADIUS + wall, length, 'open'), wall, young, 0.3,
+        supports=(Support('hinged', 'lower'),),
+        contacts=(Contact((0.0, 0.0, 0.1), 0.05, 'plate', towards=(0.0, 0.0, -1.0)),),
+    )  # fmt: skip
+    model = build_model(described, 'thick', control_vertices=300)
+    return model, object_contacts(described, model), young * 2 * np.pi * RADIUS * wall / length
+
+
+def test_a_plate_on_the_edge_of_an_open_thick_wall_feels_it_along_its_axis():
+    model, plates, stiffness = open_tube()
+    state = EquilibriumSolver(model).solve(displaced(plates, [5e-5]))
+    assert state.converged, state.message
+    assert state.force[0] == pytest.approx(stiffness * 5e-5, rel=0.02)
+
+
+def test_the_end_of_a_thick_wall_has_the_derivatives_of_its_place():
+    model, _, _ = open_tube()
+    shell, face = model.shell, model.outer_face
+    state = shell.start + 1e-4 * disturbed(shell)
+    direction, step = disturbed(shell, 2), 1e-8
+    at = np.arange(len(face.element))[-5:]
+    assert_allclose(face.positions(state)[at], face.ends[-5:] @ state[: len(shell.mesh.vertices)])
+    above, below = (face.positions(state + s * direction)[at] for s in (step, -step))
+    moved = face.moved(face.at(state, at), direction)
+    assert_allclose(moved, (above - below) / (2 * step), atol=1e-7 * np.abs(moved).max())
 
 
 def squeezed(kind='pad', radius=0.8 * RADIUS, vertices=300):

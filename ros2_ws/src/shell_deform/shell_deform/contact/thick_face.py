@@ -4,7 +4,9 @@
 What `outer_face.py` is for thin walls: the face is x(h/2) of the wall itself, with the shear of
 its director and with the thickness that balances the wall at each point (the pressure of the body
 does not squeeze it there). It follows from the position and 21 numbers of the point, the fields:
-five derivatives of the position and six of the shear.
+five derivatives of the position and six of the shear. Points on an edge of an open surface stand
+for the end of the wall and lie in its middle, as those of a thin one: the position is all they
+depend on.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from shell_deform.assemble.shear_nodes import ElementUnknowns, element_unknowns
 from shell_deform.assemble.stamps import stamp_points
 from shell_deform.assemble.thick import ThickShell
 from shell_deform.compiled.cache import HAVE_NUMBA
-from shell_deform.contact.outer_face import POINTS_PER_TRIANGLE
+from shell_deform.contact.outer_face import POINTS_PER_TRIANGLE, outer_face
 from shell_deform.surface.loop_basis import quadrature_basis
 
 if HAVE_NUMBA:
@@ -56,14 +58,21 @@ class ThickFace:
 
     Attributes:
         shell: the shell. points: the same surface with the contact points as its points.
-        elements: their unknowns. element: (p,) element of each point. weights: (p,) area [m^2].
+        elements: their unknowns. ends: (e, n) map from control points to the points on edges,
+            which come after the others. element: (p,) element of each point, those included.
+        weights: (p,) area [m^2].
     """
 
     shell: ThickShell
     points: Discretisation
     elements: ElementUnknowns
+    ends: sp.csr_matrix
     element: Index
     weights: Array
+
+    @property
+    def _first_end(self) -> int:
+        return len(self.element) - self.ends.shape[0]
 
     @cached_property
     def _arguments(self) -> tuple[Any, ...]:
@@ -83,12 +92,18 @@ class ThickFace:
         )  # fmt: skip
 
     def _points(self, unknowns: Array, at: Index, deep: bool) -> tuple[Array, Array]:
-        place, change = np.zeros((len(at), 3)), np.zeros((len(at) if deep else 0, 63))
+        place, change = np.zeros((len(at), 3)), np.zeros((len(at), 63))
+        own = at < self._first_end
+        inner, moved = np.zeros((int(own.sum()), 3)), np.zeros((int(own.sum()) if deep else 0, 63))
         arguments: Any = (
-            *self._arguments, np.ascontiguousarray(unknowns), at, self.element[at], deep, place,
-            change,
+            *self._arguments, np.ascontiguousarray(unknowns), at[own], self.element[at[own]],
+            deep, inner, moved,
         )  # fmt: skip
         thick_face_kernels.face_points(*arguments)
+        place[own] = inner
+        place[~own] = self.ends[at[~own] - self._first_end] @ unknowns[: self.ends.shape[1]]
+        if deep:
+            change[own] = moved
         return place, change
 
     def positions(self, unknowns: Array) -> Array:
@@ -107,24 +122,29 @@ class ThickFace:
     def _fields(self, at: Index) -> sp.csr_matrix:
         """(24 p, 3 N) map from the unknowns to the fields of the chosen points."""
         points, parts = self.points, []
-        element = self.element[at]
+        own = np.flatnonzero(at < self._first_end)
+        inner, element = at[own], self.element[at[own]]
         controls = np.diff(points.node_offsets)[element]
         which, nth = _ragged(controls)
         node = points.nodes[points.node_offsets[element][which] + nth]
-        row = points.row_offsets[at][which] + nth
+        row = points.row_offsets[inner][which] + nth
         table = np.column_stack([points.values[row], points.rows[row]])
         for field in range(6):
             for i in range(3):
-                parts.append((FIELDS * which + 3 * field + i, 3 * node + i, table[:, field]))
+                parts.append((FIELDS * own[which] + 3 * field + i, 3 * node + i, table[:, field]))
         shears = self.elements.shear_counts[element]
         which, nth = _ragged(shears)
         first = self.elements.offsets[element] + controls
         node = self.elements.nodes[first[which] + nth]
-        shear = self.elements.shear_rows[self.elements.shear_offsets[at][which] + nth]
+        shear = self.elements.shear_rows[self.elements.shear_offsets[inner][which] + nth]
         for field in range(6):
             for a in range(2):
                 value = shear[:, 2 * field + a]
-                parts.append((FIELDS * which + 18 + field, 3 * node + a, value))
+                parts.append((FIELDS * own[which] + 18 + field, 3 * node + a, value))
+        others = np.flatnonzero(at >= self._first_end)
+        ends = self.ends[at[others] - self._first_end].tocoo()
+        for i in range(3):
+            parts.append((FIELDS * others[ends.row] + i, 3 * ends.col + i, ends.data))
         rows, columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
         shape = (FIELDS * len(at), self.shell.start.size)
         return sp.csr_matrix((values, (rows, columns)), shape=shape)
@@ -147,13 +167,15 @@ class ThickFace:
         """
         change = face.change
         result = np.einsum('pif,pij,pjg->pfg', change, stiffness, change, optimize=True)
-        bent = np.zeros((len(face.at), (FIELDS - 3) ** 2))
+        own = face.at < self._first_end
+        at = face.at[own]
+        bent = np.zeros((len(at), (FIELDS - 3) ** 2))
         arguments: Any = (
-            *self._arguments, np.ascontiguousarray(face.unknowns), face.at,
-            self.element[face.at], np.ascontiguousarray(force), bent,
+            *self._arguments, np.ascontiguousarray(face.unknowns), at, self.element[at],
+            np.ascontiguousarray(force[own]), bent,
         )  # fmt: skip
         thick_face_kernels.face_bends(*arguments)
-        result[:, 3:, 3:] -= bent.reshape(-1, FIELDS - 3, FIELDS - 3)
+        result[own, 3:, 3:] -= bent.reshape(-1, FIELDS - 3, FIELDS - 3)
         return np.asarray(result)
 
     def add(self, face: ThickFacePoints, blocks: Array, data: Array) -> None:
@@ -181,7 +203,7 @@ def _ragged(counts: Index) -> tuple[Index, Index]:
 
 
 def thick_face(shell: ThickShell) -> ThickFace:
-    """Contact points of every active triangle of `shell`."""
+    """Contact points of every active triangle of `shell`, and of the edges that end it."""
     mesh = shell.mesh
     basis = quadrature_basis(mesh, POINTS_PER_TRIANGLE)
     points = discretise(mesh, shell.material, shell.wall, basis)
@@ -190,5 +212,8 @@ def thick_face(shell: ThickShell) -> ThickFace:
     elements = element_unknowns(
         points, shell.surface, shell.sheared, unpressed, float(np.mean(shell.wall))
     )
-    element = np.asarray(basis.element, dtype=np.int64)
-    return ThickFace(shell, points, elements, element, points.weights)
+    thin = outer_face(shell)
+    on_edge = np.flatnonzero(thin.half == 0.0)
+    element = np.concatenate([basis.element, thin.element[on_edge]]).astype(np.int64)
+    weights = np.concatenate([points.weights, thin.weights[on_edge]])
+    return ThickFace(shell, points, elements, thin.matrices[0][on_edge], element, weights)

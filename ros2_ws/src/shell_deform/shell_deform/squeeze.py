@@ -32,7 +32,7 @@ from shell_deform.contact.taxels import FingerReading, finger_reading
 from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject, load_object
 from shell_deform.picture import surface_figure
-from shell_deform.readout import Readout, read_out, thickness_warning, von_mises
+from shell_deform.readout import Readout, mesh_warning, read_out, thickness_warning, von_mises
 from shell_deform.solve.equilibrium import End, Equilibrium, LoadCase, displaced, forced
 from shell_deform.solve.first_touch import first_touch
 from shell_deform.solve.newton import EquilibriumSolver
@@ -368,7 +368,7 @@ def finger_readings(description: ShellObject, state: Equilibrium) -> tuple[Finge
 
 def warnings_of(model: ShellModel, state: Equilibrium, readout: Readout) -> tuple[str, ...]:
     """Sentences on what the numbers of an equilibrium are not good for."""
-    found = [thickness_warning(model)]
+    found = [thickness_warning(model), mesh_warning(model.shell.mesh)]
     if state.end is End.SNAP:
         found.append('the shell snaps on the way: a jump under dead load may land elsewhere')
     fewest = min((count for count in state.pressed_points if count), default=FEWEST_POINTS)

@@ -10,6 +10,7 @@ from shell_deform.objects import ObjectError
 from shell_deform.objects.local_radius import local_radius
 from shell_deform.objects.object_mesh import middle_surface, object_mesh
 from shell_deform.objects.shell_object import (
+    Cone,
     Contact,
     Cylinder,
     Ellipsoid,
@@ -20,7 +21,7 @@ from shell_deform.objects.shell_object import (
     ShellObject,
     Sphere,
 )
-from shell_deform.readout import read_out
+from shell_deform.readout import mesh_warning, read_out
 from shell_deform.solve.equilibrium import displaced, forced
 from shell_deform.solve.first_touch import first_touch
 from shell_deform.solve.newton import EquilibriumSolver
@@ -136,6 +137,17 @@ def test_energy_is_that_of_strain_and_gas_however_pads_are_driven():
     np.testing.assert_allclose(
         by_depth.energy, model.shell.energy('koiter', by_depth.positions), rtol=1e-9
     )
+
+
+@pytest.mark.parametrize(('vertices', 'coarse'), [(150, True), (250, True), (1000, False)])
+def test_a_mesh_that_is_fine_at_its_pins_alone_is_told_with_the_way_out(vertices, coarse):
+    cup = ShellObject(
+        'cup', Cone((0.052, 0.07), 0.09), 4e-4, 1.3e9, 0.4,
+        contacts=tuple(Contact((x, 0.0, 0.02), 1e-3, 'pin') for x in (0.0325, -0.0325)),
+    )  # fmt: skip
+    told = mesh_warning(object_mesh(cup, vertices))
+    assert (told is not None) == coarse
+    assert not coarse or 'take more control vertices (control_vertices, --vertices)' in told
 
 
 def test_a_patch_of_few_quadrature_points_is_told():

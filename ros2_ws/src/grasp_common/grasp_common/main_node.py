@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Protocol, TypeVar
 
@@ -36,6 +38,13 @@ WRONG_PARAMETERS: tuple[type[Exception], ...] = (
 OF_EVERY_NODE = ('use_sim_time', 'start_type_description_service')
 
 
+class RosStartError(RuntimeError):
+    """ROS itself does not start in this environment: domain, log folder, security."""
+
+
+NOT_STARTED: tuple[type[Exception], ...] = (*WRONG_PARAMETERS, RosStartError)
+
+
 class Closable(Protocol):
     """A node that owns more than ROS knows of."""
 
@@ -44,6 +53,47 @@ class Closable(Protocol):
 
 
 Owner = TypeVar('Owner', bound=Closable)
+Made = TypeVar('Made')
+
+
+def start_ros(arguments: Sequence[str]) -> None:
+    """Start rclpy with the program's name and arguments.
+
+    Raises RosStartError with the reason that ROS gives.
+    """
+    try:
+        rclpy.init(args=list(arguments))
+    except WRONG_ROS_ARGUMENTS:
+        raise
+    except rclpy_implementation.RCLError as error:
+        raise RosStartError(_reason(error)) from error
+
+
+def made(make: Callable[[], Made]) -> Made:
+    """What `make` makes; raises RosStartError where ROS refuses to, as security does only here."""
+    try:
+        with warnings.catch_warnings():
+            # rclpy complains that it cannot take back what was never made.
+            warnings.filterwarnings('ignore', 'Failed to fini', RuntimeWarning)
+            return make()
+    except rclpy_implementation.RCLError as error:
+        # After a signal everything fails that is still being made: that is no refusal.
+        if not rclpy.ok():
+            raise
+        raise RosStartError(_reason(error)) from error
+
+
+def _reason(error: Exception) -> str:
+    """What rcl says, without the places in its sources."""
+    said = re.sub(r', at /\S+:\d+', '', str(error))
+    reason = ': '.join(line.strip() for line in said.splitlines() if line.strip())
+    if os.environ.get('ROS_SECURITY_ENABLE') == 'true':
+        # Without a keystore all that rcl says is "error not set".
+        reason += (
+            ' (ROS_SECURITY_ENABLE is true: ROS_SECURITY_KEYSTORE must hold an enclave for this '
+            'program, given with --ros-args --enclave)'
+        )
+    return reason
 
 
 def declare(node: Node, parameters: Iterable[Parameter]) -> None:
@@ -124,15 +174,15 @@ def run_node(
     executor: SingleThreadedExecutor | None = None
     node: Owner | None = None
     try:
-        rclpy.init(args=[program, *everything])
+        start_ros([program, *everything])
         executor = QuietExecutor()
-        node = make()
+        node = made(make)
         executor.add_node(node)  # type: ignore[arg-type]  # a Node that can be closed
         serve(node, executor)
     except WRONG_ROS_ARGUMENTS as error:
         complain(program, error)
         return 2
-    except (*WRONG_PARAMETERS, *errors) as error:
+    except (*NOT_STARTED, *errors) as error:
         complain(program, error)
         return 1
     except ExternalShutdownException:

@@ -96,6 +96,25 @@ def test_wrong_arguments_are_one_sentence(
     assert got == code and complaint in text and 'Traceback' not in text
 
 
+@pytest.mark.parametrize(
+    ('environment', 'complaint'),
+    [
+        ({'ROS_DOMAIN_ID': 'abc'}, 'ROS_DOMAIN_ID'),
+        ({'ROS_LOG_DIR': '/proc/none'}, "log directory '/proc/none'"),
+        ({'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce'}, 'KEYSTORE'),
+    ],
+)
+def test_a_ros_that_does_not_start_is_one_sentence(
+    domain_id: int, monkeypatch: pytest.MonkeyPatch, environment: dict[str, str], complaint: str
+) -> None:
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    code, text = ended()
+    told = [line for line in text.splitlines() if line.startswith('small: ')]
+    assert code == 1 and len(told) == 1 and complaint in told[0]
+    assert 'Traceback' not in text and '/src/' not in told[0]
+
+
 def test_help_needs_no_ros_graph() -> None:
     code, text = ended('--help')
     assert code == 0 and 'speed (default 1.0)' in text

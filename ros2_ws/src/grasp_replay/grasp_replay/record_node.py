@@ -26,7 +26,10 @@ from grasp_common.main_node import (
     WRONG_PARAMETERS,
     WRONG_ROS_ARGUMENTS,
     QuietExecutor,
+    RosStartError,
     end_by_signals,
+    made,
+    start_ros,
     status_name,
 )
 from grasp_common.messages import diagnostics
@@ -35,15 +38,18 @@ from grasp_replay.arguments_node import split_ros_arguments
 from grasp_replay.bag_writer import BagWriter
 from grasp_replay.cdr import has_header, header_stamp
 from grasp_replay.errors import BagError
+from grasp_replay.losses import Losses
 from grasp_replay.messages import from_endpoint, message_class, type_hash
 from grasp_replay.qos import common_offer, qos_text
 from grasp_replay.record_options import build_parser
-from grasp_replay.topic_selection import TopicSelection
+from grasp_replay.topic_selection import TopicSelection, listed
 
 DISCOVERY_PERIOD = 0.1
 FLUSH_PERIOD = 0.5
 DIAGNOSTICS_PERIOD = 1.0
 SUBSCRIPTION_DEPTH = 1000
+STANDSTILL_S = 0.5
+"""So long without a turn of the loop, and queues below may have overflowed [s]."""
 
 
 class RecordNode(Node):
@@ -58,13 +64,16 @@ class RecordNode(Node):
         sim_time = Parameter('use_sim_time', value=options.use_sim_time)
         super().__init__('record', parameter_overrides=[sim_time])
         self.writer = BagWriter(directory, compression=options.compression)
-        self.lost = 0
         self.unstamped = 0
+        self.stood_still = 0.0
         self.failure: BagError | None = None
         self._selection = selection
         self._log_time_from = options.time
         self._refused: set[str] = set()
         self._topics: dict[str, int] = {}
+        self._losses: dict[str, Losses] = {}
+        self._unreliable: set[str] = set()
+        self._looked = time.monotonic()
         try:
             self._begin()
         except Exception:
@@ -85,26 +94,58 @@ class RecordNode(Node):
         """Topics found and subscribed so far."""
         return len(self._topics)
 
+    @property
+    def lost(self) -> int:
+        """Messages that are known to have been published and not to have come."""
+        return sum(losses.lost for losses in self._losses.values())
+
+    @property
+    def unknown(self) -> list[str]:
+        """Topics that lost nobody knows how many: see `Losses`."""
+        return sorted(topic for topic, losses in self._losses.items() if losses.unknown)
+
+    def settle_losses(self) -> None:
+        """Hold the numbers of messages against who has published them."""
+        self._look_back()
+        for topic, losses in self._losses.items():
+            # After a signal nothing can be asked any more: nobody new has come, then.
+            asked = self.get_publishers_info_by_topic(topic) if self.context.ok() else ()
+            losses.settle(bytes(endpoint.endpoint_gid) for endpoint in asked)
+
     def _publish_diagnostics(self) -> None:
+        self.settle_losses()
         now = self.get_clock().now().nanoseconds
         # Before the first /clock there is no time to stamp with, and a stamp of 0 would become
         # the beginning of a recording that takes its times from headers.
         if now == 0:
             return
-        warning = f'{self.lost} messages were lost before they arrived' if self.lost else None
+        warning = f'{self.lost} messages were lost before they arrived' if self.lost else ''
+        if self.unknown:
+            warning += '; ' * bool(warning) + _standstill(self)
         values = {
             'bag': self.writer.directory.name,
             'topics': self.topic_count,
             'messages': self.writer.message_count,
             'bytes': self.writer.size,
             'lost': self.lost,
+            'stood still [s]': round(self.stood_still, 1),
             'stamps before 1970, logged at their arrival': self.unstamped,
         }
-        level = 'ok' if warning is None else 'warn'
+        level = 'warn' if warning else 'ok'
         name = status_name(self)
         self._diagnostics.publish(diagnostics(now, name, level, warning or 'recording', values))
 
+    def _look_back(self) -> None:
+        """Notice that this process was stopped, or found no processor."""
+        now = time.monotonic()
+        if now - self._looked > STANDSTILL_S:
+            self.stood_still += now - self._looked
+            for topic in self._unreliable:
+                self._losses[topic].stood_still(now)
+        self._looked = now
+
     def _discover(self) -> None:
+        self._look_back()
         for topic, types in self.get_topic_names_and_types():
             if topic in self._topics or topic in self._refused:
                 continue
@@ -131,10 +172,14 @@ class RecordNode(Node):
         )
         self._topics[topic] = number
         common = common_offer(unique)
+        losses = self._losses[topic] = Losses()
+        losses.settle(bytes(endpoint.endpoint_gid) for endpoint in publishers)
+        if common.reliability != 'reliable':
+            self._unreliable.add(topic)
         self.create_subscription(
             kind,
             topic,
-            self._taker(number, has_header(type_name)),  # type: ignore[arg-type]
+            self._taker(number, losses, has_header(type_name)),  # type: ignore[arg-type]
             QoSProfile(
                 history=HistoryPolicy.KEEP_LAST,
                 depth=SUBSCRIPTION_DEPTH,
@@ -142,11 +187,14 @@ class RecordNode(Node):
                 durability=DurabilityPolicy[common.durability.upper()],
             ),
             raw=True,
-            event_callbacks=SubscriptionEventCallbacks(message_lost=self._count_lost),
+            event_callbacks=SubscriptionEventCallbacks(message_lost=_counting(losses)),
         )
 
-    def _taker(self, number: int, stamped: bool) -> Callable[[bytes, dict[str, int]], None]:
+    def _taker(
+        self, number: int, losses: Losses, stamped: bool
+    ) -> Callable[[bytes, dict[str, int]], None]:
         def take(data: bytes, info: dict[str, int]) -> None:
+            losses.arrived(info['publication_sequence_number'], time.monotonic())
             published = max(info['source_timestamp'], 0)
             if stamped and self._log_time_from == 'header':
                 stamp = self._header_time(data, info['received_timestamp'])
@@ -168,9 +216,6 @@ class RecordNode(Node):
             return stamp
         self.unstamped += 1
         return received
-
-    def _count_lost(self, event: Any) -> None:
-        self.lost += event.total_count_change
 
     def _guarded(self, action: Callable[[], object]) -> Callable[[], None]:
         def run() -> None:
@@ -205,7 +250,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     directory = options.output or Path(time.strftime('bag_%Y_%m_%d-%H_%M_%S'))
     try:
         return _record(directory, selection, options, ros)
-    except BagError as error:
+    except (BagError, RosStartError) as error:
         complain('record', error)
         return 1
     except (*WRONG_ROS_ARGUMENTS, *WRONG_PARAMETERS) as error:
@@ -220,16 +265,16 @@ def _record(
     ros_arguments: list[str],
 ) -> int:
     end_by_signals()
-    rclpy.init(args=['record', *ros_arguments])
+    start_ros(['record', *ros_arguments])
     node: RecordNode | None = None
     executor: QuietExecutor | None = None
     try:
-        node = RecordNode(directory, selection, options)
+        node = made(lambda: RecordNode(directory, selection, options))
         executor = QuietExecutor()
         executor.add_node(node)
         print(f'recording into {directory}', file=sys.stderr, flush=True)
         _spin(node, executor, options.duration)
-    except BagError:
+    except (BagError, RosStartError):
         raise
     except Exception:
         # A signal came before it recorded anything: rclpy complains of whatever is made after it.
@@ -237,6 +282,7 @@ def _record(
             raise
     finally:
         if node is not None:
+            node.settle_losses()
             node.writer.close()
         if executor is not None:
             executor.shutdown()
@@ -251,6 +297,8 @@ def _record(
         'topics': node.topic_count,
         'messages': writer.message_count,
         'lost': node.lost,
+        'stood_still_s': round(node.stood_still, 3),
+        'lost_unknown': node.unknown,
         'unstamped': node.unstamped,
         'bytes': writer.size,
     }
@@ -260,12 +308,25 @@ def _record(
         print(
             f'recorded {writer.message_count} messages of {node.topic_count} topics into '
             f'{directory} ({node.lost} lost)'
+            + (f'; {_standstill(node)}' if node.unknown else '')
             + (f'; {node.unstamped} stamps lie before 1970' if node.unstamped else ''),
             file=sys.stderr,
         )
     if node.failure is not None:
         raise node.failure
     return 0
+
+
+def _counting(losses: Losses) -> Callable[[Any], None]:
+    # rclpy's hints know the event by its type without its fields.
+    return lambda event: losses.told(event.total_count_change)
+
+
+def _standstill(node: RecordNode) -> str:
+    return (
+        f'it stood still for {node.stood_still:.1f} s, and how many were lost then is not known '
+        f'where nothing came since: {listed(node.unknown)}'
+    )
 
 
 def _spin(node: RecordNode, executor: QuietExecutor, duration: float | None) -> None:

@@ -21,7 +21,10 @@ from grasp_common.main_node import (
     WRONG_PARAMETERS,
     WRONG_ROS_ARGUMENTS,
     QuietExecutor,
+    RosStartError,
     end_by_signals,
+    made,
+    start_ros,
 )
 from grasp_common.terminal import complain, progress_bar
 from grasp_replay.arguments_node import split_ros_arguments
@@ -98,7 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with open_bag(options.bag) as bag:
             options.choice.span(bag)
             return _replay(bag, options, ros)
-    except BagError as error:
+    except (BagError, RosStartError) as error:
         complain('replay', error)
         return 1
     except (*WRONG_ROS_ARGUMENTS, *WRONG_PARAMETERS) as error:
@@ -109,13 +112,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _replay(bag: Bag, options: ReplayOptions, ros_arguments: list[str]) -> int:
     sys.setswitchinterval(SWITCH_SECONDS)
     end_by_signals()
-    rclpy.init(args=['replay', *ros_arguments])
+    start_ros(['replay', *ros_arguments])
     executor: QuietExecutor | None = None
     services: threading.Thread | None = None
     node: ReplayNode | None = None
     try:
         executor = QuietExecutor()
-        node = ReplayNode(bag, options, ros_arguments)
+        node = made(lambda: ReplayNode(bag, options, ros_arguments))
         executor.add_node(node)
         services = threading.Thread(target=_spin, args=(executor,), name='services', daemon=True)
         services.start()

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import itertools
+import json
 import signal
 import struct
 import time
@@ -12,10 +14,12 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import WrenchStamped
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from replay_observer import KEEP_ALL, Observer, wrench
 
 from grasp_replay.bag_reader import open_bag
 from grasp_replay.commands.bag_check import check
+from grasp_replay.record_node import STANDSTILL_S
 
 
 def _publish_until(observer: Observer, done: Callable[[], object]) -> int:
@@ -62,6 +66,55 @@ def test_a_killed_recording_loses_at_most_the_last_second(
     assert not report['sound']
     assert sent - report['recovered']['messages'] <= 250
     assert check(tmp_path / 'saved')['sound']
+
+
+@pytest.mark.parametrize('reliable', [True, False])
+def test_a_recording_that_was_stopped_tells_every_message_that_it_lost(
+    start: Any, observer: Observer, tmp_path: Path, reliable: bool
+) -> None:
+    qos = QoSProfile(
+        depth=5000,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+    )
+    publisher = observer.node.create_publisher(WrenchStamped, '/w', qos)
+    record = start('record', '/w', '--output', tmp_path / 'bag', '--json')
+    file = tmp_path / 'bag' / 'bag_0.mcap'
+    sent = itertools.count()
+    observer.spin_until(publisher.get_subscription_count)
+    empty = file.stat().st_size
+    publisher.publish(wrench(next(sent)))
+    observer.spin_until(lambda: file.stat().st_size > empty)
+    record.process.send_signal(signal.SIGSTOP)
+    for _ in range(3000):
+        publisher.publish(wrench(next(sent)))
+    record.process.send_signal(signal.SIGCONT)
+    # What came before shows only in what comes after it.
+    taken = file.stat().st_size
+    observer.node.create_timer(0.05, lambda: publisher.publish(wrench(next(sent))))
+    observer.spin_until(lambda: file.stat().st_size > taken)
+    assert record.stop() == 0
+    told = json.loads(record.text.splitlines()[-1])
+    with open_bag(tmp_path / 'bag') as bag:
+        forces = [int(bag.decode(message).wrench.force.x) for message in bag.messages()]
+    assert told['messages'] == len(forces)
+    assert told['lost'] == max(forces) - min(forces) + 1 - len(forces)
+
+
+def test_after_a_standstill_a_publisher_that_fell_silent_leaves_its_losses_unknown(
+    start: Any, observer: Observer, tmp_path: Path
+) -> None:
+    qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    publisher = observer.node.create_publisher(WrenchStamped, '/w', qos)
+    record = start('record', '/w', '--output', tmp_path / 'bag', '--json')
+    observer.spin_until(publisher.get_subscription_count)
+    record.process.send_signal(signal.SIGSTOP)
+    for number in range(3000):
+        publisher.publish(wrench(number))
+    time.sleep(2.0 * STANDSTILL_S)
+    record.process.send_signal(signal.SIGCONT)
+    assert record.stop() == 0
+    told = json.loads(record.text.splitlines()[-1])
+    assert told['lost_unknown'] == ['/w'] and told['stood_still_s'] > STANDSTILL_S
 
 
 def test_header_times_make_the_log_times_of_a_recording(

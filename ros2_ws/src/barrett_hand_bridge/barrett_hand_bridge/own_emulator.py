@@ -8,7 +8,6 @@ import os
 import select
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -50,11 +49,15 @@ class OwnEmulator:
             self._process.kill()
 
     def _begin(self) -> None:
-        # The table is read before anything else happens: a killed node leaves no folder behind.
-        with tempfile.TemporaryDirectory(prefix='hand_emulator_') as folder:
-            self._start(Path(folder) / 'weighings.csv')
+        # Memory that both see as a file, without a name: whoever is killed leaves nothing behind.
+        table = os.memfd_create('weighings')
+        try:
+            self._start(table)
+        finally:
+            os.close(table)
 
-    def _start(self, weighings: Path) -> None:
+    def _start(self, table: int) -> None:
+        weighings = Path(f'/proc/self/fd/{table}')
         command = [
             sys.executable,
             '-m',
@@ -70,6 +73,7 @@ class OwnEmulator:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             stdin=subprocess.PIPE,
+            pass_fds=(table,),
             preexec_fn=wake_with_parent,
             start_new_session=True,
         )

@@ -18,7 +18,8 @@ from barrett_hand_bridge.hand import HandError, HandNotInitialisedError
 from barrett_hand_bridge.puck import driver, homing
 from barrett_hand_bridge.puck.bus import open_bus
 from barrett_hand_bridge.puck.driver import CanHand, PuckOptions
-from barrett_hand_bridge.puck.frames import HandAddresses
+from barrett_hand_bridge.puck.frames import HandAddresses, set_frame
+from barrett_hand_bridge.puck.properties import is_wide
 from barrett_hand_bridge.puck.pucks import Pucks
 
 channels = (f'hand_{number}' for number in itertools.count())
@@ -34,7 +35,7 @@ def quick(monkeypatch):
 
 @pytest.fixture
 def bench(quick):
-    """An emulated hand served in a thread, and a driver for it."""
+    """An emulated hand served in a thread, and a driver for it that asks for nothing forbidden."""
     started = []
 
     def build(
@@ -61,13 +62,14 @@ def bench(quick):
         port.start()
         hand = CanHand(lambda: open_bus('virtual', channel), **driver_options)
         hand.strike = port.faults.strike
-        started.append((hand, port))
+        started.append((hand, port, emulated))
         return hand, emulated
 
     yield build
-    for hand, port in started:
+    for hand, port, emulated in started:
         hand.close()
         port.stop()
+        assert emulated.refusals == []
 
 
 def test_sleeping_pucks_are_woken_and_the_hand_says_what_it_is(bench):
@@ -276,11 +278,10 @@ def test_strain_limits_reach_the_pucks(bench):
 
 
 def test_firmware_without_a_strain_limit_is_told_and_gets_none(bench):
-    hand, emulated = bench(firmware=180)
+    hand, _ = bench(firmware=180)
     assert 'no strain limit HSG' in hand.connect().warnings[0]
     hand.limit_force({1: 3000, 2: None, 3: 2500})
     assert hand._pucks.get(1, 'STAT') == 2
-    assert not [text for text in emulated.refusals if 'property 71' in text]
 
 
 def test_homing_follows_the_makers_order_three_times_over(bench, monkeypatch):
@@ -334,7 +335,6 @@ def test_velocity_mode_gets_its_stall_time_and_limits_and_gives_them_back(bench)
     hand.sample({})
     hand.sample({})
     assert values[78] == 50
-    assert emulated.refusals == []
 
 
 def test_fingers_open_by_a_movement_command_that_ends_when_nobody_watches(bench, wait_until):
@@ -351,7 +351,6 @@ def test_fingers_open_by_a_movement_command_that_ends_when_nobody_watches(bench,
     slowed = emulated.pucks[1].values[45]
     hand.sample({1: 2.5})
     wait_until(lambda: emulated.pucks[1].values[45] > slowed, 20.0)
-    assert emulated.refusals == []
 
 
 def test_a_motor_before_its_homing_does_not_run_whatever_it_is_told(bench):
@@ -362,6 +361,58 @@ def test_a_motor_before_its_homing_does_not_run_whatever_it_is_told(bench):
     hand._pucks.set(1, 'CMD', 18)
     assert hand._pucks.get(1, 'MODE') == 0
     assert emulated.refusals == ['mode 4 of node 11 before HI', 'command 18 of node 11 before HI']
+    emulated.refusals.clear()
+
+
+@pytest.mark.parametrize(
+    ('firmware', 'motor', 'name', 'value', 'refusal'),
+    [
+        (190, 1, 'MODE', 1, 'mode 1 of node 11, which is none'),
+        (190, 1, 'MODE', 6, 'mode 6 of node 11, which is none'),
+        (190, 1, 'CMD', 99, 'command 99 of node 11, which is none'),
+        (190, 1, 'V', 5000, 'V 5000 of node 11 beyond MV 306'),
+        (190, 2, 'TEMP', 20, 'a value for property 9, which is measured'),
+        (190, 2, 'SG', 100, 'a value for property 25, which is measured'),
+        (180, 3, 71, 3000, 'property 71 in firmware 180'),
+        (140, 3, 106, 2, 'property 106 in firmware 140'),
+        (124, 3, 96, 0, 'property 96 in firmware 124'),
+    ],
+)
+def test_the_emulated_hand_refuses_what_a_hand_would(bench, firmware, motor, name, value, refusal):
+    hand, emulated = bench(firmware=firmware)
+    hand.connect()
+    hand.initialize()
+    pucks = hand._pucks
+    if name == 'V':
+        pucks.set(motor, 'MODE', 4)
+    number = name if isinstance(name, int) else pucks.number(name)
+    pucks.send(set_frame(pucks.addresses.node(motor), number, value, wide=is_wide(number)))
+    # The answer to this comes after what was sent before.
+    assert pucks.get(motor, 'STAT') == 2
+    assert emulated.refusals == [refusal]
+    emulated.refusals.clear()
+
+
+def test_a_homing_that_was_broken_off_is_none(bench):
+    hand, emulated = bench()
+    hand.connect()
+    hand.initialize()
+    emulated.mechanics.place({1: 100_000.0})
+    hand._pucks.set(1, 'CMD', 13)
+    hand._pucks.set(1, 'MODE', 0)
+    hand._pucks.set(1, 'MODE', 4)
+    assert hand._pucks.get(1, 'MODE') == 0
+    assert emulated.refusals == ['mode 4 of node 11 before HI']
+    emulated.refusals.clear()
+
+
+def test_the_spread_does_not_find_its_zero_before_the_fingers(bench):
+    hand, emulated = bench()
+    hand.connect()
+    hand._pucks.set(4, 'CMD', 13)
+    assert hand._pucks.get(4, 'MODE') == 0
+    assert emulated.refusals == ['HI of node 14 before that of the fingers has ended']
+    emulated.refusals.clear()
 
 
 def test_a_slow_squeeze_goes_on_because_its_stall_time_is_taken_away(bench, monkeypatch):

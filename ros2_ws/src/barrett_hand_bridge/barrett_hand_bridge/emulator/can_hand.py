@@ -3,9 +3,11 @@
 
 Identifiers, property numbers and packing after what is known of the maker's bus; the inner-link
 encoder, the mode numbers and the self-preservation after the maker's support pages. It refuses
-what those forbid, and keeps a sentence of each refusal: motion before HI since power-up, speeds
-beyond MV, limits that its firmware does not have. HSG ends movement commands, as documented, and
-nothing else; a stall time (TSTOP) ends velocity mode under load; without one HI never ends.
+what those forbid, and keeps a sentence of each refusal: motion before HI has ended since power-up,
+the spread's HI before the fingers' or while one moves, modes and commands that are none, speeds
+beyond MV, properties that its firmware does not have, values for what a puck measures. HSG ends
+movement commands, as documented, and nothing else; a stall time (TSTOP) ends velocity mode under
+load; without one HI never ends.
 """
 
 from __future__ import annotations
@@ -22,7 +24,12 @@ ENCODER_COUNTS_PER_TURN = 4096
 SELF_PRESERVATION = (667, 3460)
 SELF_PRESERVATION_OFF, SELF_PRESERVATION_ON = 10000, 10001
 RELIEF_COUNTS_PER_S = 60_000.0
-OLDEST_STRAIN_LIMIT = 182
+# Properties that came with a firmware: gauge, HSG and LSG, inner encoder, touch cells.
+OLDEST_FIRMWARE = {25: 61, 71: 182, 72: 182, 96: 125, 98: 125, 106: 142, 107: 145}
+MEASURED = frozenset({0, 9, 20, 21, 22, 23, 24, 25, 107})
+MODES = frozenset({0, 2, 3, 4, 5})
+INITIALISE, CLOSE, MOVE, OPEN, TERMINATE, HOME = 13, 18, 19, 20, 21, 7
+COMMANDS = frozenset({INITIALISE, 14, 15, 16, 17, CLOSE, MOVE, OPEN, TERMINATE, HOME})
 DEFAULT_MAX_TORQUE = 2200
 # A loaded motor slower than this (counts per ms) counts as stalled after TSTOP ms.
 STALL_SPEED = 2.0
@@ -134,8 +141,10 @@ class CanHand:
             return
         if not puck.awake:
             return
-        if number in (71, 72) and self.firmware < OLDEST_STRAIN_LIMIT:
-            self.refusals.append(f'property {number} in firmware {self.firmware}')
+        if self._lacks(number):
+            return
+        if number in MEASURED:
+            self.refusals.append(f'a value for property {number}, which is measured')
             return
         if number not in LONG_PROPERTIES:
             # A short property keeps the lower 16 bits of what it is told.
@@ -150,7 +159,7 @@ class CanHand:
             self._command(motor, puck, value)
         elif number == 71 and value in (SELF_PRESERVATION_OFF, SELF_PRESERVATION_ON):
             puck.guarded = value == SELF_PRESERVATION_ON
-        elif number == 106 and self.firmware >= 142:
+        elif number == 106:
             puck.touch_mode = value
             if value == 3:
                 self.touch_offsets[motor] = list(self.pressures[motor])
@@ -161,7 +170,17 @@ class CanHand:
             if number == 43:
                 self.mechanics.torque_share[motor] = max(value, 0) / DEFAULT_MAX_TORQUE
 
+    def _lacks(self, number: int) -> bool:
+        """Whether this firmware does not have a property; that it was asked for is kept."""
+        if self.firmware >= OLDEST_FIRMWARE.get(number, 0):
+            return False
+        self.refusals.append(f'property {number} in firmware {self.firmware}')
+        return True
+
     def _change_mode(self, motor: int, puck: Puck, mode: int) -> None:
+        if mode not in MODES:
+            self.refusals.append(f'mode {mode} of node {puck.node}, which is none')
+            return
         if mode != IDLE and not puck.homed:
             self.refusals.append(f'mode {mode} of node {puck.node} before HI')
             return
@@ -187,35 +206,47 @@ class CanHand:
     def _command(self, motor: int, puck: Puck, command: int) -> None:
         state = self.mechanics.motors[motor]
         speed = puck.values.get(45, 50 if motor == SPREAD else 200) * 1000.0
-        if command in (7, 18, 19, 20) and not puck.homed:
+        if command not in COMMANDS:
+            self.refusals.append(f'command {command} of node {puck.node}, which is none')
+        elif command not in (INITIALISE, TERMINATE) and not puck.homed:
             self.refusals.append(f'command {command} of node {puck.node} before HI')
-        elif command in (13, 20, 7):
-            puck.mode = VELOCITY if command == 13 else TRAPEZOID
-            puck.homed = puck.homed or command == 13
+        elif command == INITIALISE and motor == SPREAD and not self._fingers_stand():
+            self.refusals.append(f'HI of node {puck.node} before that of the fingers has ended')
+        elif command in (INITIALISE, OPEN, HOME):
+            puck.mode = VELOCITY if command == INITIALISE else TRAPEZOID
+            # Broken off, it leaves a motor that does not know where it stands.
+            puck.homed = puck.homed and command != INITIALISE
             state.drive(-speed, 0.0)
             self._initialising.append(motor)
-        elif command == 18:
+        elif command == CLOSE:
             puck.mode = TRAPEZOID
             state.drive(speed, float(puck.values.get(56, 35950 if motor == SPREAD else 195000)))
             self._initialising.append(motor)
-        elif command == 19:
+        elif command == MOVE:
             goal = float(puck.values.get(58, 0))
             puck.mode = TRAPEZOID
             state.drive(speed if goal > state.position else -speed, goal)
             self._initialising.append(motor)
-        elif command == 21:
+        elif command == TERMINATE:
             puck.mode = IDLE
             state.stop()
+
+    def _fingers_stand(self) -> bool:
+        """Whether all three fingers have found their zeros and none is on its way."""
+        return all(
+            self.pucks[finger].homed and not self.mechanics.motors[finger].moving
+            for finger in (1, 2, 3)
+        )
 
     def _get(self, motor: int, puck: Puck, number: int) -> None:
         if number == 5:
             self._reply(puck, number, READY_STATE if puck.awake else RESET_STATE)
             return
-        if not puck.awake:
+        if not puck.awake or self._lacks(number):
             return
         if number == POSITION_PROPERTY:
             self._send_position(motor, puck)
-        elif number == 106 and self.firmware >= 142:
+        elif number == 106:
             self._send_touch(motor, puck)
         elif number == self._gauge_property:
             spread = motor == SPREAD
@@ -306,7 +337,7 @@ class CanHand:
                 if puck.values.get(78, 1) == 0:
                     # HI feels its end by a stall: without a stall time it drives on.
                     continue
-                puck.zero_counts = 0
+                puck.zero_counts, puck.homed = 0, True
             self._initialising.remove(motor)
             # The spread holds its position under control, a finger's worm gear needs none.
             puck.mode = POSITION if motor == SPREAD else IDLE

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """States, sample checks, stamps and poses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from live_hand import opposed, sample
 
+from shell_deform.live.exchange import MAX_CONTACTS
 from shell_deform.live.pose import Pose, PoseError, pose_of, quaternion, rotation_of
+from shell_deform.live.tick.estimator import Estimator, Settings
 from shell_deform.live.tick.health import Arrival, Figures, Latencies, LossCount, StampWatch
 from shell_deform.live.tick.sample import (
     FLAG_CONTACT,
@@ -203,6 +207,16 @@ def test_rows_of_one_finger_that_press_against_each_other_are_refused():
     cells = opposed([5.0, 5.0], fingers=[1, 1])
     with pytest.raises(SampleError, match='finger 1 has 2 rows'):
         one_row_per_finger(cells, 1e-3)
+
+
+@pytest.mark.parametrize('count', [MAX_CONTACTS + 1, 255])
+def test_more_fingers_than_are_solved_for_are_refused_and_none_is_left_out(count):
+    estimator = Estimator(np.zeros((4, 3)), np.tile([1.0, 0.0, 0.0], (4, 1)), Settings())
+    many = sample(np.zeros((count, 3)), [[1.0, 0.0, 0.0]] * count, np.ones(count))
+    with pytest.raises(SampleError, match=f'{count} fingers press at once, at most 8'):
+        estimator.tick(many)
+    cells = replace(many, finger=many.finger % MAX_CONTACTS)
+    assert len(estimator.tick(cells).unknown) == MAX_CONTACTS
 
 
 def test_samples_that_come_in_bursts_have_the_period_of_their_mean():

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from shell_deform.live.exchange import Slot
+from shell_deform.live.exchange import MAX_CONTACTS, Slot
 from shell_deform.live.grip_motion import GripPlan, GripPoses, affine
 from shell_deform.live.pose import IDENTITY, Pose
 from shell_deform.live.tick.adopted import Adopted
@@ -26,7 +26,7 @@ from shell_deform.live.tick.fusion_types import Measured, Response
 from shell_deform.live.tick.hold import ForceMemory
 from shell_deform.live.tick.load_request import write_load
 from shell_deform.live.tick.release import measured_displacement, pressing
-from shell_deform.live.tick.sample import ContactSample, one_row_per_finger
+from shell_deform.live.tick.sample import ContactSample, check_fingers, one_row_per_finger
 from shell_deform.live.tick.serve_kernel import (
     FIELDS,
     NONLINEAR_FIELDS,
@@ -185,6 +185,7 @@ class Estimator:
         if self.hold is not None:
             merged = self.hold.elastic(merged)
         merged = pressing(merged, self.settings.errors)
+        check_fingers(merged, MAX_CONTACTS)
         self.sample = merged
         if self.adopted is not None and self.grips is not None:
             self.adopted.follow(self.grips)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shell_deform.live.exchange import DRIVE_CODES, MAX_CONTACTS
+from shell_deform.live.exchange import DRIVE_CODES
 from shell_deform.live.pose import Pose
 from shell_deform.live.tick.sample import ContactSample
 
@@ -27,9 +27,10 @@ def write_load(
 ) -> None:
     """Fill a mailbox record: what the sample says and, where a tick fused it, its best inputs.
 
-    `sample` has one row per finger in contact; `tendon` [m/N]; `pose` None to infer it.
+    `sample` has one row per finger in contact, at most MAX_CONTACTS; `tendon` [m/N]; `pose` None
+    to infer it.
     """
-    count = min(len(sample.finger), MAX_CONTACTS)
+    count = len(sample.finger)
     record['stamp'] = sample.stamp
     record['drive'] = DRIVE_CODES[drive]
     record['contacts'] = count

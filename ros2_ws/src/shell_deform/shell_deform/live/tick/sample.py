@@ -153,6 +153,15 @@ def check(sample: ContactSample) -> None:
             )
 
 
+def check_fingers(sample: ContactSample, most: int) -> None:
+    """Raise SampleError for more fingers, a row each, than are solved for: none is left out."""
+    if len(sample.finger) > most:
+        raise SampleError(
+            f'{len(sample.finger)} fingers press at once, at most {most} are solved for, so the '
+            'sample is not used; rows of one finger (its cells) carry one number'
+        )
+
+
 def check_served(packed: NDArray[np.float32]) -> None:
     """Raise SampleError unless an answer, (n, f) numbers, is finite."""
     if not np.isfinite(packed).all():

@@ -15,7 +15,8 @@ from scipy.sparse.csgraph import connected_components
 from shell_deform.assemble.discretisation import Discretisation, discretise
 from shell_deform.assemble.thick import thick_shell
 from shell_deform.contact.bodies import BodyError
-from shell_deform.contact.body_file import load_body
+from shell_deform.contact.body_file import FingerBody, load_body
+from shell_deform.contact.cell_load import CellShape, cell_shares, shaped_by_cells
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.model import ShellModel
 from shell_deform.objects import (
@@ -173,7 +174,7 @@ def _touching(model: ShellModel, contact: Contact, radius: float | None) -> Cont
     at = np.array(contact.at_m)
     if contact.finger is not None:
         body = load_body(contact.finger.body, contact.finger.unit)
-        return model.touched_by(
+        touched = model.touched_by(
             body.shape,
             at,
             body.size,
@@ -181,11 +182,39 @@ def _touching(model: ShellModel, contact: Contact, radius: float | None) -> Cont
             contact.friction,
             None if contact.finger.towards is None else np.array(contact.finger.towards),
         )
+        if contact.finger.cells_n is None:
+            return touched
+        return _felt(model, touched, body, np.array(contact.finger.cells_n))
     if contact.towards is not None:
         return model.plate(at, contact.radius_m, np.array(contact.towards), contact.friction)
     if contact.kind == 'pad':
         return model.pad(at, contact.radius_m, contact.curvature_radius_m, contact.friction)
     return model.contact(at, radius or contact.radius_m)
+
+
+def _felt(
+    model: ShellModel, touched: ContactPatch, body: FingerBody, forces: Array
+) -> ContactPatch:
+    """The push of a body that touches, where its cells measured `forces` (c,) [N]."""
+    if model.theory == THICK:
+        raise BodyError(
+            'cells_n shape the load of a thin wall; theory thick presses by rigid pins: take '
+            'theory koiter'
+        )
+    if len(forces) != len(body.cells):
+        raise BodyError(
+            f'cells_n has {len(forces)} numbers, {body.name} has {len(body.cells)} cells; give '
+            'one for each'
+        )
+    shares = cell_shares(forces)
+    if not shares.any():
+        raise BodyError('no cell in cells_n pushes; give what they measured while touching [N]')
+    assert touched.body is not None
+    frame = touched.body.origin, touched.body.turn
+    shaped = shaped_by_cells(
+        touched, model.surface, model.rest, frame, CellShape(body.cells, shares)
+    )
+    return replace(shaped, body=None)
 
 
 def _refuse_misplaced(
@@ -209,8 +238,7 @@ def _refuse_misplaced(
     if contact.kind == 'pin':
         return
     inside = float((at - patch.point) @ patch.axis) + 0.5 * wall
-    if contact.finger is not None and contact.finger.towards is not None:
-        assert patch.body is not None
+    if contact.finger is not None and contact.finger.towards is not None and patch.body:
         pose = patch.body.posed(0.0, np.zeros(6))
         face = model.outer_face.positions(model.start)
         inside = -float(pose.distance(patch.body.shape, face).value.min())

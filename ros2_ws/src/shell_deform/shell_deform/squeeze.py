@@ -358,7 +358,7 @@ def load(
 
 def finger_readings(description: ShellObject, state: Equilibrium) -> tuple[FingerReading, ...]:
     """What each fingertip, or pad with friction, of an object feels at a state, in their order."""
-    fingers = [contact.finger for contact in description.contacts if contact.kind != 'pin']
+    fingers = [contact.finger for contact in description.contacts if contact.is_rigid]
     cells = [
         np.zeros((0, 3)) if finger is None else load_body(finger.body, finger.unit).cells
         for finger in fingers

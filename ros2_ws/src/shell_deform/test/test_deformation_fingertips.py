@@ -6,8 +6,10 @@ from dataclasses import replace
 import live_hand
 import numpy as np
 import pytest
+import trimesh
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2, PointField
-from test_deformation_node import Node, serving, wait
+from test_deformation_node import Node, serving, set_parameter, wait
 
 STEP = 10_000_000
 HELD = 30
@@ -88,19 +90,21 @@ def test_a_squeeze_by_fingertips_is_served_with_its_touch_cells(node, hand):
 
 
 def felt(stamp, forces):
-    """`hand/tactile` of two fingers from the forces (48,) of their cells [N]."""
-    rows = np.zeros(48, np.dtype([(name, 'f4') for name in ('finger', 'cell', 'force')]))
-    rows['finger'], rows['cell'] = np.repeat([1, 2], 24), np.tile(np.arange(24), 2)
+    """`hand/tactile` of two fingers from the forces (48,) of their cells [N]; fewer lack some."""
+    count = len(forces)
+    rows = np.zeros(count, np.dtype([(name, 'f4') for name in ('finger', 'cell', 'force')]))
+    rows['finger'] = np.repeat([1, 2], 24)[:count]
+    rows['cell'] = np.tile(np.arange(24), 2)[:count]
     rows['force'] = forces
     message = PointCloud2(
         height=1,
-        width=48,
+        width=count,
         fields=[
             PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
             for k, name in enumerate(rows.dtype.names)
         ],
         point_step=12,
-        row_step=12 * 48,
+        row_step=12 * count,
         data=rows.tobytes(),
     )
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
@@ -167,6 +171,28 @@ def test_measured_cells_are_held_against_the_expected_ones_and_name_the_finger(n
     wrong[24:] *= 2.0
     told(wrong, 'touch suspect', lambda said: 'finger 2' in said)
     told(np.full(48, np.nan), 'hand/tactile', lambda said: 'measures nan N' in said)
+    told(expected[:40], 'hand/tactile', lambda said: 'has 16 cells of finger 2' in said)
+    told(expected, 'hand/tactile', lambda said: said == '')
+
+
+def test_a_change_that_cannot_be_leaves_a_running_node_as_it_was(node, hand, tmp_path):
+    holed = trimesh.creation.box((12.0, 8.0, 4.0))
+    holed.update_faces(np.arange(len(holed.faces)) > 0)
+    holed.export(tmp_path / 'holed.stl')
+    for name, value, says in (
+        ('finger_body', f'{tmp_path}/holed.stl mm', 'the mesh of a finger has holes'),
+        ('finger_body', f'{tmp_path}/holed.stl', 'a mesh needs the unit of its numbers'),
+        ('finger_body', '1: barrett_fingertip, 1: barrett_fingertip', 'carries two bodies'),
+        ('friction', float('nan'), 'friction'),
+        ('friction', -0.1, 'friction'),
+        ('path_step', 0.0, 'path_step'),
+        ('load_shape', 'soft', 'load_shape'),
+    ):
+        answer = set_parameter(hand, Parameter(name, value=value))
+        assert not answer.successful
+        assert says in answer.reason
+        assert '\n' not in answer.reason
+    assert len(played(hand, programme(40_000))) == len(programme(0))
 
 
 @pytest.mark.parametrize(

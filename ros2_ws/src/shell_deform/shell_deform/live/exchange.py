@@ -29,6 +29,8 @@ MAX_AFFINE = AFFINE * MAX_GRIPS
 SLOTS = 4
 
 MAX_TAXELS = 512
+MAX_CELLS = 64
+"""Touch cells of one finger that may shape its load."""
 
 TAXEL_FIELDS = (
     *('x', 'y', 'z', 'nx', 'ny', 'nz', 'fx', 'fy', 'fz'),
@@ -52,10 +54,14 @@ TOUCH = np.dtype(
         ('travel', '<f8'),
         ('displacement', '<f8'),
         ('along', '<f8', 3),
+        ('cells', '<i8'),
+        ('cell', '<f8', (MAX_CELLS, 3)),
+        ('share', '<f8', MAX_CELLS),
     ]
 )
 """One touching finger: in the contacts' frame; `displacement` NaN where it is not prescribed,
-`along` the finger NaN where it is not known."""
+`along` the finger NaN where it is not known. Where its push lies as its touch cells felt it, their
+number is in `cells`, their centres in the finger's frame, and the share of each; else 0."""
 
 REQUEST = np.dtype(
     [

@@ -68,7 +68,7 @@ MARKER_PERIOD_S = 0.5
 POSE_CHANGE = 1e-3
 WAIT_S = 1e-3
 REBUILD_PARAMETERS = frozenset(
-    {'object', 'theory', 'control_vertices', 'background_niceness', 'finger_body'}
+    {'object', 'theory', 'control_vertices', 'background_niceness', 'finger_body', 'load_shape'}
 )
 
 
@@ -166,10 +166,10 @@ class DeformationNode(Node):
         self._parameter_pose = (
             pose_of(list(values['object_pose'])) if values['placement'] == 'given' else None
         )
-        bodies, step = str(values['finger_body']), float(values['path_step'])
-        if (bodies, step) != (self._path.bodies, self._path.step):
-            self._path = FingerPath(bodies, step)
-            self._tactile.bodies = self._path.carried
+        carried = str(values['finger_body']), float(values['path_step']), _by_cells(values)
+        if carried != self._path.options:
+            self._path = FingerPath(*carried)
+            self._tactile.bodies, self._tactile.shapes = self._path.carried, carried[2]
         # A mesh graded anew would know nothing of what friction remembers.
         self._follower.active = bool(values['follow_contacts']) and not self._path.active
         self._patience = float(values['wait_for_take_up'])
@@ -322,6 +322,7 @@ class DeformationNode(Node):
             friction = self._grasp.task.friction
             return self._path.take(estimator, self._request, self.link.worker, friction)
         estimator.fill_request(record)
+        self._tactile.shape(record)
         self.link.worker.post(self._request)
         if self.link.candidate is not None:
             # It knows neither the other's contacts nor what their displacements count from.
@@ -551,7 +552,12 @@ def _build(values: dict[str, Any]) -> Build:
         int(values['control_vertices']),
         int(values['background_niceness']),
         bodies=str(values['finger_body']),
+        by_cells=_by_cells(values),
     )
+
+
+def _by_cells(values: dict[str, Any]) -> bool:
+    return bool(values['load_shape'] == 'cells')
 
 
 def run(arguments: Sequence[str], ahead: WorkerProcess | None = None) -> int:

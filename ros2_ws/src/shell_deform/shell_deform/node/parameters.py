@@ -93,6 +93,13 @@ PARAMETERS: tuple[Parameter, ...] = (
         'NUMBER: BODY; empty: pins',
     ),
     Parameter(
+        'load_shape',
+        'body',
+        'where fingers with a finger_body press: body: where contact with it says; cells: where '
+        'hand/tactile measures, without friction',
+        choices=('body', 'cells'),
+    ),
+    Parameter(
         'path_step',
         2e-4,
         'way of a finger with a body between two load cases; none is overtaken (m)',
@@ -134,9 +141,17 @@ def validate(values: Mapping[str, Any]) -> None:
         from shell_deform.objects import ObjectError
 
         try:
-            read_finger_bodies(str(values['finger_body'])).loaded()
+            bodies = read_finger_bodies(str(values['finger_body'])).loaded()
         except (ObjectError, OSError) as error:
             raise ParameterError(f'finger_body: {error}') from error
+        without = [body.name for body in bodies.values() if not len(body.cells)]
+        if values.get('load_shape') == 'cells' and without:
+            raise ParameterError(
+                f'load_shape is cells, but {without[0]} has no touch cells; take load_shape body, '
+                'or give its cell_rows_m and cell_columns_m'
+            )
+    elif values.get('load_shape') == 'cells' and 'finger_body' in values:
+        raise ParameterError('load_shape is cells: finger_body must name a body with touch cells')
     if 'gravity' in values:
         grasp_task({**{p.name: p.default for p in PARAMETERS}, **values})
     if 'object_pose' in values:

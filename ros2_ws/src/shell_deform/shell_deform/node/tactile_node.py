@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -16,7 +17,13 @@ from grasp_common.point_cloud import CloudReader, MessageError
 from shell_deform.contact.body_file import FingerBody
 from shell_deform.live.tick.adopted import Adopted
 from shell_deform.live.tick.sample import SampleError
-from shell_deform.live.tick.touch_check import TouchCells, TouchJudgement, check_cells, judged
+from shell_deform.live.tick.touch_check import (
+    TouchCells,
+    TouchJudgement,
+    check_cells,
+    judged,
+    write_shapes,
+)
 
 CELLS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -32,6 +39,9 @@ class Tactile:
         self._judgement: TouchJudgement | None = None
         self._unusable = ''
         self.bodies: Mapping[int, FingerBody] = {}
+        self.shapes = False
+        """Whether the cells say where the fingers press."""
+        self._shaped: list[int] = []
         node.create_subscription(
             PointCloud2,
             'hand/tactile',
@@ -75,10 +85,17 @@ class Tactile:
         self._judgement = judged(self._cells, taxels, self.bodies)
         self._publisher.publish(number(self._judgement.value))
 
+    def shape(self, request: np.void) -> None:
+        """Give the touching fingers of a load case the shapes that their cells felt."""
+        if self.shapes:
+            self._shaped = write_shapes(request, self._cells, self.bodies)
+
     @property
     def figures(self) -> dict[str, object]:
         """What /diagnostics says of it."""
         told: dict[str, object] = {}
+        if self.shapes:
+            told['load by the cells of fingers'] = ', '.join(map(str, self._shaped)) or 'none'
         if self._unusable:
             told['hand/tactile'] = self._unusable
         if self._judgement is not None:

@@ -41,6 +41,9 @@ from .shell_object import (
 )
 from .yaml_reader import Entry, read_document
 
+# What a cell measures at most [N]: beyond, its unit is another one.
+MOST_CELL_N = 1e4
+
 _REQUIRED = ('name', 'surface', 'thickness_m', 'young_modulus_pa', 'poisson_ratio')
 _OPTIONAL = (
     'solid_young_modulus_pa', 'yield_stress_pa', 'gas', 'supports', 'contacts', 'control_vertices',
@@ -336,7 +339,7 @@ def _is_number(text: str) -> bool:
 
 def _contact(entry: Entry, surface: Surface, folder: Path) -> Contact | GripPlace:
     rounds = ('radius_m', 'curvature_radius_m')
-    fingers = ('body', 'unit', 'along', 'towards')
+    fingers = ('body', 'unit', 'along', 'towards', 'cells_n')
     held = ('where', 'hold', 'free')
     found = entry.mapping([], ['at_m', *rounds, 'kind', 'friction', *fingers, *held])
     kinds = ('pin', 'pad', 'fingertip', 'plate', 'grip')
@@ -345,7 +348,7 @@ def _contact(entry: Entry, surface: Surface, folder: Path) -> Contact | GripPlac
         return read_grip(entry, lambda where: _edge(where, surface))
     refused = {
         'fingertip': rounds,
-        'plate': ('curvature_radius_m', 'body', 'unit', 'along'),
+        'plate': ('curvature_radius_m', 'body', 'unit', 'along', 'cells_n'),
     }.get(kind, fingers)
     for key in (*held, *refused):
         if key in found:
@@ -373,6 +376,10 @@ def _contact(entry: Entry, surface: Surface, folder: Path) -> Contact | GripPlac
         if friction > 0.0 and kind == 'pin':
             raise found['friction'].error('friction needs kind: pad or fingertip, not pin')
     finger = _finger(entry, found, folder) if kind == 'fingertip' else None
+    if finger is not None and finger.cells_n is not None and friction > 0.0:
+        raise found['friction'].error(
+            'friction is that of a rigid body; with cells_n the push lies where it was measured'
+        )
     towards = _direction(found['towards']) if kind == 'plate' else None
     return Contact((x, y, z), radius, kind, curvature, friction, finger, towards)
 
@@ -392,7 +399,13 @@ def _finger(entry: Entry, found: dict[str, Entry], folder: Path) -> Finger:
     if 'unit' in found and file.suffix.lower() in ('.yaml', '.yml'):
         raise found['unit'].error('unit is that of a mesh; a parameter file has its own')
     along, towards = (_direction(found.get(key)) for key in ('along', 'towards'))
-    return Finger(file, unit, along, towards)
+    cells = None
+    if 'cells_n' in found:
+        cells = tuple(
+            item.number(minimum=-MOST_CELL_N, maximum=MOST_CELL_N)
+            for item in found['cells_n'].items()
+        )
+    return Finger(file, unit, along, towards, cells)
 
 
 def _direction(entry: Entry | None) -> tuple[float, float, float] | None:

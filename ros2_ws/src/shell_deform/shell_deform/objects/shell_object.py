@@ -129,12 +129,15 @@ class Finger:
         body: the file of its shape. unit: of a mesh file's numbers, None for a parameter file.
         along: direction of the finger, to its tip; None for any. towards: where the pad faces;
             None for the inward normal.
+        cells_n: what its touch cells measured [N], by which its push then lies on the object
+            instead of by contact; None for a rigid body.
     """
 
     body: Path
     unit: str | None = None
     along: tuple[float, float, float] | None = None
     towards: tuple[float, float, float] | None = None
+    cells_n: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -154,6 +157,12 @@ class Contact:
     friction: float = 0.0
     finger: Finger | None = None
     towards: tuple[float, float, float] | None = None
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether a rigid body presses, not a given traction."""
+        measured = self.finger is not None and self.finger.cells_n is not None
+        return self.kind != 'pin' and not measured
 
 
 @dataclass(frozen=True)

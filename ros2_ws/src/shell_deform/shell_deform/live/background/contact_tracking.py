@@ -17,6 +17,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.contact.bodies import frame_of
+from shell_deform.contact.cell_load import CellShape, shaped_by_cells
 from shell_deform.contact.loads import ContactPatch, contact_patch
 from shell_deform.live.background.coarseness import coarseness
 from shell_deform.live.background.condensed import HELD_ROWS
@@ -29,6 +31,9 @@ SLIDE_SHARE = 0.25
 TURN = np.cos(np.radians(8.0))
 STEEPEST = np.cos(np.radians(60.0))
 RADIUS_CHANGE = 0.25
+
+SHAPE_CHANGE = 0.1
+"""A push of which more lies on other touch cells than when the patch was laid is laid anew."""
 
 LONGEST_SLIDE = 4.0
 """A finger that has moved sideways by more radii touches anew [radii]; at least..."""
@@ -52,6 +57,7 @@ class Touch:
         radius: of the patch [m]. force: push [N]. travel: since first touch [m], NaN if unknown.
         displacement: the estimator's absolute displacement of the patch [m], NaN if none.
         along: (3,) to the tip of the finger, NaN if unknown.
+        shape: where its touch cells feel the push; None: evenly over the radius.
     """
 
     finger: int
@@ -62,6 +68,7 @@ class Touch:
     travel: float
     displacement: float
     along: Array = field(default_factory=lambda: np.full(3, np.nan))
+    shape: CellShape | None = None
 
     @property
     def first_point(self) -> Array:
@@ -90,6 +97,7 @@ class HeldContact:
             first touch are off by; it stays while the finger slides.
         first: (3,) where the finger first touched, as far as its travel is known [m].
         coarseness: relative stiffness error of the mesh there.
+        shape: of the push, as of a `Touch`.
     """
 
     finger: int
@@ -100,6 +108,7 @@ class HeldContact:
     bias: float
     first: Array
     coarseness: float
+    shape: CellShape | None = None
 
     def still_good(self, touch: Touch) -> bool:
         """Whether the finger still presses this patch."""
@@ -109,7 +118,13 @@ class HeldContact:
             np.linalg.norm(sideways) <= SLIDE_SHARE * self.patch.radius
             and self.axis_of(touch) @ self.patch.axis >= TURN
             and abs(touch.radius - self.patch.radius) <= RADIUS_CHANGE * self.patch.radius
+            and self._has_shape_of(touch)
         )
+
+    def _has_shape_of(self, touch: Touch) -> bool:
+        if self.shape is None or touch.shape is None:
+            return self.shape is touch.shape
+        return self.shape.differs(touch.shape) <= SHAPE_CHANGE
 
     def slides_to(self, touch: Touch) -> bool:
         """Whether the finger can have come to `touch` without letting go."""
@@ -186,6 +201,9 @@ class ContactTracker:
         axis = touch.normal if touch.normal @ inward > STEEPEST else inward
         place = found.triangle, found.parameters
         patch = contact_patch(surface, material.position[0], touch.radius, axis, place=place)
+        if touch.shape is not None:
+            frame = at, frame_of(touch.normal, touch.along)
+            patch = shaped_by_cells(patch, surface, positions, frame, touch.shape)
         moved = (positions - self.model.rest).reshape(-1)
         held = patch.held_rows().reshape(HELD_ROWS, -1) @ moved
         travel = touch.travel if np.isfinite(touch.travel) else 0.0
@@ -195,7 +213,7 @@ class ContactTracker:
         coarse = coarseness(surface.mesh, 2.0 * self._half_wall, int(found.triangle[0]), material)
         laid = HeldContact(
             touch.finger, patch, touch.point.copy(), held, bias + depth - travel, bias,
-            touch.first_point, coarse,
+            touch.first_point, coarse, touch.shape,
         )  # fmt: skip
         self._memory.append(laid)
         del self._memory[:-REMEMBERED]

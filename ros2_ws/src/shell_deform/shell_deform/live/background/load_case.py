@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.contact.cell_load import CellShape
 from shell_deform.live.background.contact_tracking import Touch
 from shell_deform.live.exchange import MAX_GRIPS
 from shell_deform.live.pose import Pose, pose_of
@@ -60,6 +61,7 @@ def load_of(request: np.void, resets: int = 0, jumps: int = 0) -> Load:
             float(t['travel']),
             float(t['displacement']),
             t['along'].copy(),
+            _shape(t),
         )
         for t in request['touch'][: int(request['contacts'])]
     )
@@ -77,3 +79,10 @@ def load_of(request: np.void, resets: int = 0, jumps: int = 0) -> Load:
         friction=float(request['friction']),
         hurried=bool(request['hurried']),
     )
+
+
+def _shape(touch: np.void) -> CellShape | None:
+    count = int(touch['cells'])
+    if not count:
+        return None
+    return CellShape(touch['cell'][:count].copy(), touch['share'][:count].copy())

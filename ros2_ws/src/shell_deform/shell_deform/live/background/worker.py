@@ -31,7 +31,8 @@ from shell_deform.live.background.rest_shell import packed
 from shell_deform.live.background.solving import LiveSolver
 from shell_deform.live.exchange import Layout, SharedMemory, create
 from shell_deform.model import ShellModel
-from shell_deform.objects import load_object
+from shell_deform.objects import ObjectError, load_object
+from shell_deform.theory import THICK
 
 WAITING_BEAT_S = 0.1
 """A process that waits for load cases says so at this interval [s]."""
@@ -44,7 +45,14 @@ def build(options: dict[str, object]) -> Solver:
     """What solves the shell that `options` describe, see `worker_link.Build`."""
     bodies = read_finger_bodies(str(options.get('bodies') or ''))
     model = _model(options, bodies)
-    return FingertipSolver(model, bodies.loaded()) if bodies.files else LiveSolver(model)
+    if options.get('by_cells') and model.theory == THICK:
+        raise ObjectError(
+            'load_shape cells is for thin walls; theory thick presses by rigid pins: take theory '
+            'koiter'
+        )
+    if not bodies.files or options.get('by_cells'):
+        return LiveSolver(model)
+    return FingertipSolver(model, bodies.loaded())
 
 
 def _model(options: dict[str, object], bodies: FingerBodies) -> ShellModel:

@@ -52,7 +52,8 @@ class Build:
     `niceness` is what the process adds to its own, to leave the processor to the fast loop.
     `refine_at`: places of the object where the mesh is graded, instead of the object file's own,
     for contacts of `refine_radius` [m]. `curl`: of the shell, where it was measured before.
-    `bodies`: what the fingers carry, see `finger_bodies`.
+    `bodies`: what the fingers carry, see `finger_bodies`; `by_cells`: their touch cells, not
+    contact, say where they press.
     """
 
     object_name: str
@@ -63,6 +64,7 @@ class Build:
     refine_radius: float = 0.0
     curl: float = 0.0
     bodies: str = ''
+    by_cells: bool = False
 
 
 class WorkerProcess:
@@ -110,6 +112,7 @@ class WorkerProcess:
             'refine_radius': build.refine_radius,
             'curl': build.curl,
             'bodies': build.bodies,
+            'by_cells': build.by_cells,
         }
         # One that died already is found dead, and replaced, by whoever looks after it.
         with contextlib.suppress(BrokenPipeError):

@@ -17,14 +17,16 @@ from shell_deform.live.tick.sample import ContactSample, SampleError
 class FingerPath:
     """Follows fingers that carry bodies; not `active` where they carry none."""
 
-    def __init__(self, bodies: str = '', step: float = 2e-4) -> None:
+    def __init__(self, bodies: str = '', step: float = 2e-4, by_cells: bool = False) -> None:
         """`bodies` as in `finger_bodies`; `step` [m] between two load cases.
 
-        Raises ObjectError for bodies that cannot be.
+        `by_cells`: their touch cells say where they press, so nothing of their way counts. Raises
+        ObjectError for bodies that cannot be.
         """
-        self.bodies, self.step = bodies, step
+        self.options = bodies, step, by_cells
+        self.step = step
         self.carried = read_finger_bodies(bodies).loaded()
-        self.active = bool(self.carried)
+        self.active = bool(self.carried) and not by_cells
         width, reach = sizes(list(self.carried.values())) if self.carried else (1.0, 0.0)
         self._motion = FingerMotion(width, reach)
         self._feed = PathFeed(LoadPath(step, reach))

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from shell_deform.contact.body_file import FingerBody
+from shell_deform.contact.cell_load import cell_pitch, cell_shares
 from shell_deform.contact.finger_bodies import of_finger
-from shell_deform.live.exchange import TAXEL_FIELDS
+from shell_deform.live.exchange import MAX_CELLS, TAXEL_FIELDS
 from shell_deform.live.tick.sample import MOST_FORCE, SampleError
 
 Array = NDArray[np.float64]
@@ -26,6 +26,12 @@ SIGMA_RELATIVE, SIGMA_N = 0.05, 0.05
 
 SMALLEST_PUSH = 0.3
 """Below this push [N] cells say nothing about where it is."""
+
+OLDEST_NS = 500_000_000
+"""Cells measured longer before or after a sample say nothing of it [ns]."""
+
+STEEPEST = 0.99
+"""Cosine of a finger to its own normal from which it says no more how it lies."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +109,37 @@ def judged(cells: TouchCells, taxels: Array, bodies: Mapping[int, FingerBody]) -
     return worst if worst.value > 1.0 else TouchJudgement(worst.value, '')
 
 
+def write_shapes(
+    request: np.void, cells: TouchCells | None, bodies: Mapping[int, FingerBody]
+) -> list[int]:
+    """Give the fingers of a load case the shapes that their cells felt; returns which got one.
+
+    A finger that does not say how it lies, or whose cells feel too little or are too old, presses
+    evenly.
+    """
+    touch = request['touch'][: int(request['contacts'])]
+    touch['cells'] = 0
+    if cells is None or abs(int(request['stamp']) - cells.stamp) > OLDEST_NS:
+        return []
+    shaped = []
+    for row in touch:
+        finger = int(row['finger'])
+        body, mine = of_finger(bodies, finger), cells.finger == finger
+        turned = np.isfinite(row['along']).all() and abs(row['along'] @ row['normal']) < STEEPEST
+        if body is None or not mine.any() or not turned:
+            continue
+        order = np.argsort(cells.cell[mine])
+        force = cells.force[mine][order]
+        shares = cell_shares(force)
+        if np.maximum(force, 0.0).sum() < SMALLEST_PUSH or not 0 < len(shares) <= MAX_CELLS:
+            continue
+        row['cells'] = len(shares)
+        row['cell'][: len(shares)] = body.cells
+        row['share'][: len(shares)] = shares
+        shaped.append(finger)
+    return shaped
+
+
 def _summary(force: Array, places: Array) -> _Summary:
     push = float(force.sum())
     share = np.maximum(force, 0.0)
@@ -110,9 +147,8 @@ def _summary(force: Array, places: Array) -> _Summary:
     centre = share @ places
     away = np.sum((places - centre) ** 2, axis=1)
     noise = np.hypot(SIGMA_N, SIGMA_RELATIVE * force) ** 2
-    pitch = float(np.median(cKDTree(places).query(places, 2)[0][:, 1])) if len(places) > 1 else 0.0
     scale = max(push, SMALLEST_PUSH) ** 2
-    place = pitch**2 / 12.0 + float(noise @ away) / scale
+    place = cell_pitch(places) ** 2 / 12.0 + float(noise @ away) / scale
     return _Summary(push, centre, float(np.sqrt(share @ away)), float(noise.sum()), place)
 
 

@@ -300,6 +300,13 @@ def test_superlu_refuses_to_guess_an_inertia_it_does_not_know():
         _ = factor.inertia
 
 
+def test_superlu_counts_an_eigenvalue_of_rounding_as_zero_and_not_as_negative():
+    matrix = scipy.sparse.csr_array(np.array([[1.0, 1.0], [1.0, 1.0 + 1e-15]]))
+    factor = superlu_factorise(analyse(matrix, block=1), matrix)
+    assert factor.inertia == Inertia(1, 0, 1)
+    assert not factor.definite
+
+
 def test_without_numba_superlu_takes_over(sphere, monkeypatch):
     monkeypatch.setattr('shell_deform.factor.analysis.HAVE_NUMBA', False)
     matrix = shifted(sphere.free, 0.1)

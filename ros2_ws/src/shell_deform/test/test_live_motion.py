@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solving ahead of the motion of the contacts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from shell_deform.live.background.motion import FARTHEST, SLOWEST, Motion
+from shell_deform.live.background.motion import FARTHEST, SLOWEST, SLOWEST_TURN, Motion
 from shell_deform.live.background.tracked_state import Target
 
 WALL = 2.5e-3
@@ -54,3 +56,23 @@ def test_a_pause_other_contacts_and_pushes_tell_no_motion():
     for i in range(3):
         found = pushed.ahead(target(1e-3 * i, driven=False), 1, 0.1 * i)
         assert found.displacement[0] == pytest.approx(1e-3 * i)
+
+
+def turned(angles, refresh, gap=0.1):
+    """Turns [rad] solved for when a grip is at `angles` [rad], `gap` [s] apart."""
+    motion = Motion(WALL)
+    motion.took(refresh)
+    poses = [replace(target(0.0), grips=np.array([[0.0, 0, 0, 0, 0, turn]])) for turn in angles]
+    found = [motion.ahead(pose, 7, 1.0 + gap * i) for i, pose in enumerate(poses)]
+    return [float(one.grips[0, 5]) for one in found]
+
+
+def test_a_grip_that_turns_is_solved_a_refresh_ahead_and_no_further_than_its_last_step():
+    assert turned([0.0, 0.02, 0.04], refresh=0.05) == pytest.approx([0.0, 0.03, 0.05])
+    assert turned([0.0, 0.02, 0.04], refresh=0.3) == pytest.approx([0.0, 0.04, 0.06])
+
+
+def test_a_grip_that_stands_or_was_long_silent_is_solved_where_it_is():
+    still = 0.9 * SLOWEST_TURN
+    assert turned([0.1, 0.1 + still], refresh=0.1) == pytest.approx([0.1, 0.1 + still], abs=1e-12)
+    assert turned([0.0, 0.02], refresh=0.1, gap=5.0) == pytest.approx([0.0, 0.02])

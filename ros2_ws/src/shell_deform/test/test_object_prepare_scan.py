@@ -110,6 +110,15 @@ def test_even_triangles_have_six_neighbours_mostly():
     assert length.max() < 2.5 * length.min()
 
 
+def test_of_two_edges_of_a_triangle_that_are_too_long_the_longer_is_halved_first():
+    from shell_deform.objects.remesh import split_long
+
+    corners = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0]])
+    points, faces = split_long(corners, np.array([[0, 1, 2]]), lambda _middle: 3.5)
+    assert points[3:].tolist() == [[2.0, 1.5, 0.0], [2.0, 0.0, 0.0]]
+    assert len(faces) == 3
+
+
 def test_a_closed_noisy_damaged_scan_is_followed_far_below_its_noise():
     noise = 1.27e-4
     found = prepared(*scans.damaged(*scans.potato(6, noise)), H, control_vertices=600)

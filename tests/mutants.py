@@ -85,11 +85,11 @@ def _changed(node: ast.AST) -> str | None:
 def places(path: Path) -> list[int]:
     """Numbers of the nodes of a file's tree, as `ast.walk` meets them, that can be changed."""
     tree = ast.parse(path.read_text(encoding='utf-8'))
-    annotated = _annotations(tree)
+    alike = _alike(tree)
     return [
         index
         for index, node in enumerate(ast.walk(tree))
-        if (getattr(node, 'lineno', 0), getattr(node, 'col_offset', 0)) not in annotated
+        if (getattr(node, 'lineno', 0), getattr(node, 'col_offset', 0)) not in alike
         and _changed(node) is not None
     ]
 
@@ -103,10 +103,14 @@ def mutant_at(path: Path, index: int) -> Mutant:
     return Mutant(path, getattr(node, 'lineno', 0), change, ast.unparse(tree))
 
 
-def _annotations(tree: ast.AST) -> set[tuple[int, int]]:
+def _alike(tree: ast.AST) -> set[tuple[int, int]]:
+    """Where a change changes nothing: annotations, and the -1 of a reshape, as good as any -2."""
     found: set[tuple[int, int]] = set()
     for node in ast.walk(tree):
-        for part in (getattr(node, 'annotation', None), getattr(node, 'returns', None)):
+        parts = [getattr(node, 'annotation', None), getattr(node, 'returns', None)]
+        if isinstance(node, ast.Call) and getattr(node.func, 'attr', '') == 'reshape':
+            parts += [a for a in node.args if isinstance(a, ast.UnaryOp)]
+        for part in parts:
             if part is not None:
                 found |= {(n.lineno, n.col_offset) for n in ast.walk(part) if hasattr(n, 'lineno')}
     return found

@@ -112,20 +112,31 @@ def _references(options: argparse.Namespace) -> None:
     if options.json:
         print_json({'references': [row.as_dict() for row in table]})
         return
-    rows = [
-        [
-            row.problem,
-            row.quantity,
-            '' if row.value is None else f'{row.value:.6g}',
-            row.status,
-            row.source,
-            '' if row.goal is None else f'{100 * row.goal:.2f} %',
-            row.scored,
-        ]
-        for row in table
-    ]
+    told: tuple[str, ...] = ()
+    rows = []
+    for row in table:
+        about = (row.problem, row.status, row.source, row.scored)
+        new = about != told
+        told = about
+        rows.append(
+            [
+                row.problem if new else '',
+                row.quantity,
+                '' if row.value is None else f'{row.value:.6g}',
+                row.status if new else '',
+                row.source if new else '',
+                '' if row.goal is None else f'{100 * row.goal:.2g} %',
+                row.scored if new else '',
+            ]
+        )
     headings = ('problem', 'quantity', 'value', 'status', 'source', 'goal [%]', 'scored')
-    print_table(headings, rows, 'Reference values')
+    print_table(headings, rows, 'Reference values; an empty cell is that above it')
+    scored = [row for row in table if row.scored.startswith('yes')]
+    published = sum(row.status == 'published' for row in table)
+    print(
+        f'{len(table)} references: {published} published, {len(table) - published} own (solved '
+        f'here by another method or code); {len(scored)} scored, {len(table) - len(scored)} not'
+    )
 
 
 def _solid(options: argparse.Namespace) -> None:

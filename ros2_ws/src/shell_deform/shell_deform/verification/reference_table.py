@@ -10,13 +10,19 @@ from typing import Any
 import numpy as np
 
 from shell_deform.verification import (
+    capstan,
+    closed_forms,
+    friction,
     plates,
     snap,
+    solid,
     spheres,
     sze,
     thick_balls,
     thick_exact,
     thick_limit,
+    thick_plates,
+    tubes,
 )
 from shell_deform.verification.problem import references
 
@@ -27,6 +33,13 @@ SHEAR_DENT = (
 )
 AT_THE_SNAP = 'no: near the snap the published path is too steep to be read at a load'
 SCORED = 'yes'
+FORMULA = SCORED + ': evaluated at the solved case'
+NEAR_ZERO = (
+    SCORED + ': to half a percent of the largest value of its column, or half a printed digit'
+)
+FIRST_TOUCH = 'no: at first touch a solid is crushed, which no shell is'
+TOO_DEEP = 'no: the ridge of so deep a dent lies on the coarse part of the mesh'
+OTHER_RUBBER = 'no: a Mooney-Rivlin wall, to show what another rubber does'
 
 
 @dataclass(frozen=True)
@@ -88,26 +101,33 @@ def _sze() -> Iterator[Reference]:
                 elif name == 'sze_pullout_cylinder' and column == 'W_A' and fraction > sze.SNAP[1]:
                     scored = SHEAR_DENT
                 allowed = sze.allowed_error(value, final, i == len(rows) - 1)
+                if scored == SCORED and allowed > 0.0101 * abs(value):
+                    scored = NEAR_ZERO
                 yield Reference(
                     name, f'{column} at {fraction:g} of the largest load', value, 'published',
-                    data['source'], allowed / abs(value) if scored == SCORED and value else None,
+                    data['source'],
+                    allowed / abs(value) if scored.startswith(SCORED) and value else None,
                     scored,
                 )  # fmt: skip
 
 
 def _snap() -> Iterator[Reference]:
     source = 'Sze, Liu & Lo 2004'
-    for factor, deflection in snap.THICK_ROOF:
+    for name, rows in (
+        ('hinged_roof_12.7', snap.THICK_ROOF), ('hinged_roof_6.35', [snap.THIN_LIMIT]),
+    ):  # fmt: skip
+        for factor, deflection in rows:
+            yield Reference(
+                name, f'load over 3000 N at {deflection:g} mm', float(factor), 'published',
+                source, snap.ROOF_GOAL,
+                SCORED + ': with the shear dent of the point force added to our deflection '
+                '(snap.with_shear_dent); without it the load is not scored',
+            )  # fmt: skip
+    for turning in ('load', 'deflection'):
         yield Reference(
-            'hinged_roof_12.7', f'load over 3000 N at {deflection:g} mm', float(factor),
-            'published', source, 1e-2,
-            SCORED + ': with the shear dent of the point force added to our deflection '
-            '(snap.with_shear_dent); without it the load is not scored',
+            'hinged_roof_6.35', f'turning points of the {turning}', 2.0, 'published', source,
+            0.0, SCORED + ': the count alone, the rows beyond the limit load were not read',
         )  # fmt: skip
-    yield Reference(
-        'hinged_roof_6.35', 'turning points of load and of deflection', 2.0, 'published', source,
-        0.0, SCORED + ': the count alone, the table of this roof was not read',
-    )  # fmt: skip
 
 
 def _spheres() -> Iterator[Reference]:
@@ -123,33 +143,105 @@ def _spheres() -> Iterator[Reference]:
             )  # fmt: skip
 
 
-def _formulas() -> Iterator[Reference]:
-    where = SCORED + ': evaluated at the solved case, goals in the rows of shell_verify'
+def _closed() -> Iterator[Reference]:
+    plate = 'clamped_circular_plate'
+    rows = (
+        (plate, 'deflection per N on the centre', 'thin plate, exact (Timoshenko)'),
+        (plate, 'deflection per Pa', 'thin plate, exact (Timoshenko)'),
+        ('slit_tube', 'torque for a small twist', 'thin open tube, (2 pi R) G h^3 / 3'),
+        ('tube_twist_koiter', 'diameter in the middle', 'a rigid section'),
+        ('tube_bend_koiter', 'diameter in the middle', 'Brazier 1927'),
+    )
+    for problem, quantity, source in rows:
+        yield Reference(problem, quantity, None, 'published', source, closed_forms.GOAL, FORMULA)
+    for turn in ('twist', 'bend'):
+        yield Reference(
+            f'tube_{turn}_linear', 'diameter in the middle', None, 'published', 'a rigid section',
+            None, 'no: a linear theory swells when it turns far, which the row shows',
+        )  # fmt: skip
     yield Reference(
-        'closed', 'plates, tubes and beams with exact solutions', None, 'published',
-        'textbook formulas, each named in its row', None, where,
+        'pressurised_sphere', 'slope at tau 0.5, 2 and 5', None, 'published',
+        'Vella, Ajdari, Vaziri & Boudaoud 2012, doi 10.1098/rsif.2011.0352', spheres.PRESSURE_GOAL,
+        FORMULA,
     )  # fmt: skip
-    yield Reference(
-        'pressurised_sphere', 'initial slope under a point force', None, 'published',
-        'Vella, Ajdari, Vaziri & Boudaoud 2012, doi 10.1098/rsif.2011.0352', None, where,
-    )  # fmt: skip
+
+
+def _plates() -> Iterator[Reference]:
     kept = plates.kept_solution()
     for depth, force in zip(kept['depth_m'], kept['force_n'], strict=True):
+        touching = depth < plates.FIRST_TOUCH * kept['thickness_m']
         yield Reference(
-            'sphere_between_plates', f'force at {1e3 * depth:g} mm', float(force), 'own',
-            kept['source'], None, SCORED + ': goals in the rows of shell_verify',
+            'sphere_between_plates', _force_at(depth), force, 'own', kept['source'],
+            None if touching else plates.GOAL, FIRST_TOUCH if touching else SCORED,
+        )  # fmt: skip
+    kept = plates.kept_solution('solid_thick_plates')
+    for depth, force in zip(kept['depth_m'], kept['force_n'], strict=True):
+        solved = depth <= kept['thickness_m']
+        yield Reference(
+            'thick_ball_between_plates', _force_at(depth), force, 'own', kept['source'],
+            thick_plates.GOAL if solved else None, SCORED if solved else 'no: deeper than a wall',
         )  # fmt: skip
 
 
-def _solids() -> Iterator[Reference]:
-    solids = thick_balls.kept_solids()
-    for ball in solids['balls']:
-        name = f'thick ball, R/h {ball["radius_over_thickness"]:g}'
-        for level in ball['levels']:
+def _friction() -> Iterator[Reference]:
+    kept = friction.kept_friction()
+    for mu, forces in zip(kept['friction'], kept['force_n'], strict=True):
+        for depth, force in zip(kept['depth_m'], forces, strict=True):
             yield Reference(
-                name, f'force at {1e3 * level["travel_m"]:.2f} mm [N]', level['force_n'], 'own',
-                solids['source'], None, SCORED + ': goals in the rows of shell_verify',
+                f'plates_with_friction_{mu:g}', _force_at(depth), force, 'own', kept['source'],
+                friction.GOAL, SCORED,
             )  # fmt: skip
+    yield Reference(
+        'spin_of_a_slipping_plate', 'moment', None, 'published',
+        'friction coefficient times the integral of pressure and arm: exact', friction.GOAL,
+        FORMULA,
+    )  # fmt: skip
+    for mu in capstan.FRICTIONS:
+        yield Reference(
+            f'strip_on_a_cylinder_{mu:g}', 'ratio of the tensions',
+            float(np.exp(mu * capstan.ARC)), 'published', 'exp(mu theta), L. Euler 1769: exact',
+            capstan.GOAL, SCORED,
+        )  # fmt: skip
+
+
+def _tubes() -> Iterator[Reference]:
+    kept = tubes.kept_solution()
+    source = kept['source']
+    yield Reference(
+        'tube_twisted', 'torque per radian at rest', None, 'published',
+        'closed form, G J / L of a hollow circle', tubes.SLOPE_GOAL, FORMULA,
+    )  # fmt: skip
+    for name, part, column, quantity in (
+        ('tube_twisted', 'twist', 'torque_nm', 'torque [N m]'),
+        ('tube_twisted', 'twist', 'shortening_m', 'shortening [m]'),
+        ('tube_bent', 'bend', 'moment_nm', 'moment [N m]'),
+    ):
+        for angle, value in zip(kept[part]['turn_rad'], kept[part][column], strict=True):
+            yield Reference(
+                name, f'{quantity} at {np.degrees(angle):.0f} degrees', value, 'own', source,
+                tubes.CURVE_GOAL, SCORED,
+            )  # fmt: skip
+    yield Reference(
+        'tube_twisted', 'energy of the whole turned by 180 degrees', None, 'own',
+        'the same before', tubes.ENERGY_GOAL, FORMULA,
+    )  # fmt: skip
+    section = 'uniform bending of a section that stretches and turns far (tube_section.py)'
+    unstable = 'torque [N m] where it turns unstable'
+    for name, quantity, value, status, by, goal, scored in (
+        ('tube_limit_twist', unstable, kept['limit']['torque_nm'], 'own',
+         source + ', lowest eigenvalue', tubes.LIMIT_GOAL, SCORED),
+        ('tube_limit_twist', unstable, None, 'published', 'NASA SP-8007, 0.747-formula',
+         tubes.FORMULA_GOAL, FORMULA),
+        ('tube_bent', 'largest moment', None, 'own', section, tubes.CURVE_GOAL, FORMULA),
+        ('tube_bent', 'largest moment', None, 'published', 'Brazier 1927', None,
+         'no: of first order in the flattening, that section carries 96.6 % of it'),
+        ('tube_wrinkled', 'moment at 0, 10 and 20 kPa', None, 'published',
+         'classical stress of a cylinder, at the local radius of the bent section',
+         tubes.FORMULA_GOAL, FORMULA),
+        ('bottle_turned', 'torque of the neck while all fingers slip', None, 'published',
+         'exact sum, mu times pressure times arm', tubes.BOTTLE_GOAL, FORMULA),
+    ):  # fmt: skip
+        yield Reference(name, quantity, value, status, by, goal, scored)
 
 
 def _walls() -> Iterator[Reference]:
@@ -161,14 +253,52 @@ def _walls() -> Iterator[Reference]:
     )
     for name, quantity, source in exact:
         goal = thick_exact.PLATE_GOAL if 'plate' in name else thick_exact.SOLID_GOAL
-        yield Reference(name, quantity, None, 'own', f'{source}, derived again', goal, SCORED)
+        yield Reference(name, quantity, None, 'published', source, goal, FORMULA)
     for ratio, goal in thick_limit.GOALS.items():
         yield Reference(
-            f'thick_thin_sphere_rh_{ratio:g}', 'dent under a patch', None, 'own',
-            'theory koiter on the same mesh', goal, SCORED,
+            f'thick_thin_sphere_rh_{ratio:g}', 'small dent, and one under a large force', None,
+            'own', 'theory koiter on the same mesh', goal, FORMULA,
         )  # fmt: skip
+
+
+def _solids() -> Iterator[Reference]:
+    source = thick_balls.kept_solids()['source']
+    for ball in thick_balls.kept_solids()['balls']:
+        for level in ball['levels']:
+            at = f'at {1e3 * level["travel_m"]:.2f} mm'
+            force, face = thick_balls.goals(ball, level['travel_m'])
+            scored = SCORED
+            if force is None:
+                scored = OTHER_RUBBER if ball['mooney_share'] else TOO_DEEP
+            for quantity, value, goal in (
+                (f'force {at} [N]', level['force_n'], force),
+                (f'outer face {at}, 95th percentile [m]', 0.0, face),
+            ):
+                yield Reference(
+                    thick_balls.name_of(ball), quantity, value, 'own', source, goal, scored
+                )
+    series = solid.solid_series()
+    for sphere in series['spheres']:
+        name = f'solid_sphere_rh_{sphere["radius_over_thickness"]:g}'
+        for depth, force in zip(sphere['displacement_m'], sphere['force_n'], strict=True):
+            yield Reference(
+                name, f'force at w/h {depth / sphere["thickness_m"]:.3g} [N]', force, 'own',
+                series['source'], None, 'no: shows what a thin theory leaves out (--solid)',
+            )  # fmt: skip
+        yield Reference(
+            name, 'excess stiffness at small loads, by the rule', None, 'own', series['source'],
+            solid.RULE_GOAL, FORMULA + '; the rule was fitted to these spheres',
+        )  # fmt: skip
+
+
+def _force_at(depth: float) -> str:
+    return f'force at {1e3 * depth:g} mm'
 
 
 def reference_table() -> list[Reference]:
     """All of them, without solving anything."""
-    return [*_course(), *_sze(), *_snap(), *_spheres(), *_formulas(), *_walls(), *_solids()]
+    parts = (
+        *(_course, _sze, _snap, _spheres, _closed, _plates, _friction, _tubes),
+        *(_walls, _solids),
+    )
+    return [row for part in parts for row in part()]

@@ -60,12 +60,23 @@ def problems(control_vertices: int = 650) -> Iterator[Verified]:
         yield from _ball(ball, control_vertices)
 
 
+def name_of(ball: dict[str, Any]) -> str:
+    """The name of a kept ball's rows."""
+    name = f'thick_ball_rh_{ball["radius_over_thickness"]:g}_pin_{1e3 * ball["pin_radius_m"]:g}mm'
+    return name + ('_mooney_rivlin' if ball['mooney_share'] else '')
+
+
+def goals(ball: dict[str, Any], travel: float) -> tuple[float | None, float | None]:
+    """Largest error of force [-] and face [m] at a travel [m]; None where a row only informs."""
+    if ball['mooney_share'] or travel >= DEEPEST * ball['thickness_m']:
+        return None, None
+    ratio = ball['radius_over_thickness']
+    small, large = FORCE_GOALS[ratio]
+    return small if travel < SMALL_TRAVEL else large, FACE_GOALS[ratio]
+
+
 def _ball(ball: dict[str, Any], control_vertices: int) -> Iterator[Verified]:
-    ratio, source = ball['radius_over_thickness'], kept_solids()['source']
-    name = f'thick_ball_rh_{ratio:g}_pin_{1e3 * ball["pin_radius_m"]:g}mm'
-    neo_hookean = not ball['mooney_share']
-    if not neo_hookean:
-        name += '_mooney_rivlin'
+    name, source = name_of(ball), kept_solids()['source']
     sphere = pinched_sphere(
         ball['middle_radius_m'], ball['thickness_m'], ball['young_modulus_pa'],
         ball['poisson_ratio'], ball['pin_radius_m'], control_vertices,
@@ -74,23 +85,22 @@ def _ball(ball: dict[str, Any], control_vertices: int) -> Iterator[Verified]:
     pins = object_contacts(sphere, model)
     solver = EquilibriumSolver(model)
     state = solver.rest()
-    small, large = FORCE_GOALS[ratio]
     for level in ball['levels']:
         travel = level['travel_m']
         with stopwatch() as watch:
             state = solver.solve(displaced(pins, [travel] * len(pins)), state)
-        scored = neo_hookean and travel < DEEPEST * ball['thickness_m']
+        force_goal, face_goal = goals(ball, travel)
         at = f'at {1e3 * travel:.2f} mm'
         force = float(state.force.mean()) if state.converged else np.nan
         yield Verified(
             name, f'force {at} [N]', level['force_n'], source, force, len(model.rest),
-            watch.seconds, (small if travel < SMALL_TRAVEL else large) if scored else None,
+            watch.seconds, force_goal,
         )  # fmt: skip
         distance, area = face_distance(solver.model, state.unknowns, ball, level)
         yield Verified(
             name, f'outer face {at}, 95th percentile [m]', 0.0, source,
             area_quantile(distance, area, 0.95), len(model.rest), watch.seconds,
-            FACE_GOALS[ratio] if scored else None,
+            face_goal,
         )  # fmt: skip
 
 

@@ -27,6 +27,9 @@ PROFILE_RADIUS = 12e-3
 FIT_RADIUS = 6e-3
 """The apex is extrapolated from points within this distance [m] of the axis."""
 
+FOOT_REACH = 1e-3
+"""Points so far [m] beyond FIT_RADIUS are looked at, too: some of their feet lie within it."""
+
 RING_WIDTH = 0.5e-3
 """Width [m] of the rings over which the profile is averaged."""
 
@@ -44,7 +47,7 @@ CENTRE_SIGMA = 0.5e-3
 object that its undeformed region does not show."""
 
 CENTRE_ROUNDS = 3
-"""Rounds in which the pin is found beside its contact."""
+"""Rounds in which the pin is found beside its contact, and the points' feet on the dent."""
 
 SLOPE_STEP = 0.02e-3
 """Step [m] of the differences that give the slope of a dent."""
@@ -257,12 +260,12 @@ def _profile(
     across, depth = axis.near(points, PROFILE_RADIUS, 2.0 * PROFILE_RADIUS)
     depth = depth - _monomials(across) @ height
     radius = np.hypot(*across.T)
-    near = radius < FIT_RADIUS
-    if np.count_nonzero(near) < 30:
+    if np.count_nonzero(radius < FIT_RADIUS) < 30:
         return None
+    near = radius < FIT_RADIUS + FOOT_REACH
     seen = np.count_nonzero(radius < SEEN_RADIUS) >= SEEN_POINTS
     hidden = 0.0 if seen else float(np.quantile(radius, min(1.0, 20 / len(radius))))
-    bent = _bent_apex(radius[near], depth[near], hidden)
+    bent = _bent_apex(across[near], depth[near], hidden)
     apex = bent
     if not seen and wall.thickness > 0.0:
         apex = _hidden_apex(across[near], depth[near], hidden, wall)
@@ -308,7 +311,38 @@ class _Apex:
     method: str
 
 
-def _bent_apex(radius: np.ndarray, depth: np.ndarray, hidden: float) -> _Apex:
+@dataclass(frozen=True)
+class _Feet:
+    """Where points lie on a dent: across (n, 2), depth (n,) [m], weight (n,) of their residuals.
+
+    A scan errs across the face, not along the axis: on a slope a point that lies outside the face
+    has also moved towards the axis. Chosen by where they are seen, points at the rim of the fit
+    would all be too shallow on the one side and missing on the other.
+    """
+
+    across: np.ndarray
+    depth: np.ndarray
+    weight: np.ndarray
+
+    @property
+    def inside(self) -> np.ndarray:
+        """Which of them (n,) the fit takes."""
+        inside: np.ndarray = np.hypot(*self.across.T) < FIT_RADIUS
+        return inside
+
+
+def _feet(
+    across: np.ndarray, depth: np.ndarray, residual: np.ndarray, gradient: np.ndarray
+) -> _Feet:
+    """Return the feet of points on a dent that has this gradient (n, 2) there."""
+    steep = 1.0 + np.sum(gradient**2, axis=1)
+    sideways = (residual / steep)[:, None] * gradient
+    return _Feet(
+        across + sideways, depth + np.sum(sideways * gradient, axis=1), 1.0 / np.sqrt(steep)
+    )
+
+
+def _bent_apex(across: np.ndarray, depth: np.ndarray, hidden: float) -> _Apex:
     """Follow Kirchhoff's plate to the axis: w0 + a r^2 + b r^2 ln r.
 
     Timoshenko and Woinowsky-Krieger, Theory of Plates and Shells, section 19. Right where points
@@ -319,7 +353,16 @@ def _bent_apex(radius: np.ndarray, depth: np.ndarray, hidden: float) -> _Apex:
         scaled = np.maximum(at / FIT_RADIUS, 1e-6)
         return np.column_stack((np.ones_like(scaled), scaled**2, scaled**2 * np.log(scaled)))
 
-    solution, covariance = _trimmed_fit(terms(radius), depth)
+    feet = _Feet(across, depth, np.ones(len(depth)))
+    for _ in range(CENTRE_ROUNDS):
+        inside, radius = feet.inside, np.hypot(*feet.across.T)
+        solution, covariance = _trimmed_fit(
+            terms(radius[inside]), feet.depth[inside], feet.weight[inside]
+        )
+        slope = (terms(radius + SLOPE_STEP) - terms(radius - SLOPE_STEP)) @ solution
+        outward = feet.across / np.maximum(radius, 1e-6)[:, None]
+        gradient = (slope / (2.0 * SLOPE_STEP))[:, None] * outward
+        feet = _feet(across, depth, feet.depth - terms(radius) @ solution, gradient)
     apex, ring = terms(np.array([0.0, hidden])) @ solution
     return _Apex(float(apex), float(np.sqrt(covariance[0, 0])), abs(float(apex - ring)), 'seen')
 
@@ -333,7 +376,7 @@ def _hidden_apex(across: np.ndarray, depth: np.ndarray, hidden: float, wall: Wal
     known = np.isfinite(wall.pin_radius)
     pin = wall.pin_radius if known else UNKNOWN_PIN * hidden
     if pin > wall.thickness:
-        bent = _bent_apex(np.hypot(*across.T), depth, max(hidden, 2.0 * pin))
+        bent = _bent_apex(across, depth, max(hidden, 2.0 * pin))
         return replace(
             bent,
             sigma=float(np.hypot(bent.sigma, EXTRAPOLATION_SHARE * bent.rise)),
@@ -358,9 +401,10 @@ def under_pin(
 ) -> tuple[float, float, float]:
     """Return the depth at the axis [m], its variance [m^2] and its rise in the hidden part [m].
 
-    across (n, 2), depth (n,): points around the pin [m]. The pin may stand beside the axis: off
-    its centre a dent is less deep, so a wrong axis would always tell too little. The rise counts
-    from `hidden` [m], or from two pin radii where more is seen.
+    across (n, 2), depth (n,): points around the pin [m], of which those are fitted whose feet on
+    the dent lie within FIT_RADIUS. The pin may stand beside the axis: off its centre a dent is
+    less deep, so a wrong axis would always tell too little. The rise counts from `hidden` [m], or
+    from two pin radii where more is seen.
     """
     h = wall.thickness
     pin: PressedPin = pressed_pin(round(pin_radius / h, 6))
@@ -369,19 +413,21 @@ def under_pin(
     def fields(radius: np.ndarray) -> np.ndarray:
         return pin.fields(np.maximum(radius, pin_radius) / h, bed)
 
-    centre = np.zeros(2)
+    centre, feet = np.zeros(2), _Feet(across, depth, np.ones(len(depth)))
     for _ in range(CENTRE_ROUNDS):
-        aside = across - centre
+        inside, aside = feet.inside, feet.across - centre
         radius = np.hypot(*aside.T)
+        outward = aside / np.maximum(radius, 1e-6)[:, None]
         terms = np.column_stack((fields(radius), aside / h))
-        level = _trimmed_fit(terms, depth)[0][:3]
+        taken = feet.depth[inside], feet.weight[inside]
+        level = _trimmed_fit(terms[inside], *taken)[0][:3]
         # How the depth changes as the pin moves sideways.
-        slope = (fields(radius + SLOPE_STEP) - fields(radius - SLOPE_STEP)) @ level
-        moved = -slope[:, None] / (2.0 * SLOPE_STEP) * aside / np.maximum(radius, 1e-6)[:, None]
-        solution, covariance = _trimmed_fit(
-            np.column_stack((terms, moved)), depth, (-centre, CENTRE_SIGMA)
-        )
+        rise = (fields(radius + SLOPE_STEP) - fields(radius - SLOPE_STEP)) / (2.0 * SLOPE_STEP)
+        terms = np.column_stack((terms, -(rise @ level)[:, None] * outward))
+        solution, covariance = _trimmed_fit(terms[inside], *taken, (-centre, CENTRE_SIGMA))
         centre = np.clip(centre + solution[-2:], -2.0 * CENTRE_SIGMA, 2.0 * CENTRE_SIGMA)
+        gradient = (rise @ solution[:3])[:, None] * outward + solution[3:5] / h
+        feet = _feet(across, depth, feet.depth - terms @ solution, gradient)
     at_axis = np.concatenate((pin.depth, np.zeros(4)))
     apex = float(at_axis @ solution)
     ring = float(fields(np.array([max(hidden, 2.0 * pin_radius)]))[0] @ solution[:3])
@@ -389,14 +435,19 @@ def under_pin(
 
 
 def _trimmed_fit(
-    terms: np.ndarray, depth: np.ndarray, last: tuple[np.ndarray, float] | None = None
+    terms: np.ndarray,
+    depth: np.ndarray,
+    weight: np.ndarray,
+    last: tuple[np.ndarray, float] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return coefficients (k,) and covariance (k, k); points of a scanned pin are trimmed.
 
-    last: what is known of the last coefficients before, and its standard deviation.
+    weight (n,): of the residuals. last: what is known of the last coefficients before, and its
+    standard deviation.
     """
     known, sigma = (np.zeros(0), 1.0) if last is None else last
     prior = np.eye(terms.shape[1])[terms.shape[1] - len(known) :]
+    terms, depth = weight[:, None] * terms, weight * depth
     keep, rows, noise = np.ones(len(depth), bool), terms, 0.0
     for _ in range(3):
         # The prior weighs against the scatter of single points.

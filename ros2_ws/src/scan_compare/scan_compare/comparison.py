@@ -445,6 +445,7 @@ def _profile_json(profile: DentProfile) -> dict[str, object]:
         'contact_m': profile.contact.tolist(),
         'max_displacement_m': profile.apex_m,
         'max_displacement_sigma_m': profile.apex_sigma_m,
+        'extrapolation_sigma_m': profile.extrapolation_sigma_m,
         'extrapolated': profile.extrapolated,
         'hidden_radius_m': profile.hidden_radius_m,
         'deepest_seen_m': profile.deepest_seen_m,

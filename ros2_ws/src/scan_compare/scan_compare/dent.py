@@ -78,7 +78,9 @@ class DentProfile:
     radius (k,), depth (k,), count (k,): ring means along the contact's inward normal [m]; model
     (k,): the model's depth in the same rings, NaN where it has none. apex_m, apex_sigma_m: the
     depth at the axis and its standard deviation, which holds the scatter of the points, the pose
-    and the merged views of both scans and the extrapolation; extrapolated: True if the pin hid the
+    and the merged views of both scans and the extrapolation; extrapolation_sigma_m: that part of
+    it which is alike in every scan of one dent, so that no number of them averages it out;
+    extrapolated: True if the pin hid the
     axis up to hidden_radius_m; deepest_seen_m: the deepest ring mean that was seen, a lower bound.
     reference: what depth is counted from; method: how the apex was found. bent_apex_m: the
     apex of a shell that only bends, for fits of thin-shell theory, which knows no sheared wall
@@ -92,6 +94,7 @@ class DentProfile:
     model: np.ndarray
     apex_m: float
     apex_sigma_m: float
+    extrapolation_sigma_m: float
     extrapolated: bool
     hidden_radius_m: float
     deepest_seen_m: float
@@ -281,7 +284,8 @@ def _profile(
         count=counts[full],
         model=model_rings[full],
         apex_m=apex.depth,
-        apex_sigma_m=float(np.hypot(apex.sigma, wall.place_sigma)),
+        apex_sigma_m=float(np.sqrt(apex.scatter**2 + apex.model**2 + wall.place_sigma**2)),
+        extrapolation_sigma_m=apex.model,
         extrapolated=not seen,
         hidden_radius_m=hidden,
         deepest_seen_m=float(means[full].max()) if full.any() else apex.depth,
@@ -303,10 +307,14 @@ def _rings(radius: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 @dataclass(frozen=True)
 class _Apex:
-    """Depth at the axis [m], its standard deviation [m], its rise in the hidden part [m], how."""
+    """Depth at the axis [m], what scatter and extrapolation add to its sigma [m], its rise, how.
+
+    rise: in the hidden part [m].
+    """
 
     depth: float
-    sigma: float
+    scatter: float
+    model: float
     rise: float
     method: str
 
@@ -364,7 +372,8 @@ def _bent_apex(across: np.ndarray, depth: np.ndarray, hidden: float) -> _Apex:
         gradient = (slope / (2.0 * SLOPE_STEP))[:, None] * outward
         feet = _feet(across, depth, feet.depth - terms(radius) @ solution, gradient)
     apex, ring = terms(np.array([0.0, hidden])) @ solution
-    return _Apex(float(apex), float(np.sqrt(covariance[0, 0])), abs(float(apex - ring)), 'seen')
+    scatter = float(np.sqrt(covariance[0, 0]))
+    return _Apex(float(apex), scatter, 0.0, abs(float(apex - ring)), 'seen')
 
 
 def _hidden_apex(across: np.ndarray, depth: np.ndarray, hidden: float, wall: Wall) -> _Apex:
@@ -379,10 +388,10 @@ def _hidden_apex(across: np.ndarray, depth: np.ndarray, hidden: float, wall: Wal
         bent = _bent_apex(across, depth, max(hidden, 2.0 * pin))
         return replace(
             bent,
-            sigma=float(np.hypot(bent.sigma, EXTRAPOLATION_SHARE * bent.rise)),
+            model=EXTRAPOLATION_SHARE * bent.rise,
             method='extrapolated from the ring by a bent plate',
         )
-    apex, scatter, rise = under_pin(across, depth, hidden, wall, pin)
+    apex, variance, rise = under_pin(across, depth, hidden, wall, pin)
     model = EXTRAPOLATION_SHARE * rise
     if not known:
         ends = [under_pin(across, depth, hidden, wall, f * pin)[0] for f in (0.5, 2.0)]
@@ -390,7 +399,8 @@ def _hidden_apex(across: np.ndarray, depth: np.ndarray, hidden: float, wall: Wal
     radius_text = f'pin radius {"" if known else "taken as "}{1e3 * pin:.2f} mm'
     return _Apex(
         apex,
-        float(np.sqrt(scatter + model**2)),
+        float(np.sqrt(variance)),
+        model,
         rise,
         f'extrapolated from the ring by the pressed elastic plate, {radius_text}',
     )

@@ -201,6 +201,7 @@ def test_the_depth_under_a_hidden_pin_is_extrapolated_and_said_so(seed: int) -> 
     assert profile.deepest_seen_m < profile.apex_m
     assert profile.apex_m == pytest.approx(truth, abs=2.5 * profile.apex_sigma_m)
     assert profile.apex_sigma_m < 0.2e-3
+    assert 0.0 < profile.extrapolation_sigma_m < profile.apex_sigma_m
     (guessed,) = profiles(points, ball(), contact, None)
     assert 'taken as' in guessed.method
     assert guessed.apex_sigma_m > profile.apex_sigma_m

@@ -247,8 +247,9 @@ class Copy:
             if process.poll() is None:
                 os.killpg(process.pid, 9)
                 process.wait()
-            # 1: tests failed; 2: one could not be read. 0 and 5: all passed, none was selected.
-            if process.returncode in (1, 2):
+            # 1: tests failed; 2 and 4: a file of tests, a conftest could not be read. 0 and 5: all
+            # passed, none was selected.
+            if process.returncode in (1, 2, 4):
                 return 'killed'
             if process.returncode not in (0, 5):
                 verdict = 'undecided'

@@ -237,6 +237,21 @@ def _calibration(grasps, draws, count, seed):
     return away, noise
 
 
+def test_turns_across_the_angle_of_two_contacts_only_widen_it():
+    """Leaning by 0.2 rad, normals that turn by 0.1 about each axis: the angle itself, drawn."""
+    rng, turn = np.random.default_rng(18), 0.1
+    grasp = leaning_pins(0.2, np.tan(0.25), arm=1e-6)
+    sigmas = Sigmas(np.full(2, 1e-9), np.full(2, turn), 0.0)
+    line = (grasp.point[1] - grasp.point[0]) / np.linalg.norm(grasp.point[1] - grasp.point[0])
+    inside = np.ones(200_000, bool)
+    for normal, towards in zip(grasp.normal, (line, -line), strict=True):
+        drawn = normal + np.cross(turn * rng.normal(size=(200_000, 3)), normal)
+        along = drawn @ towards / np.linalg.norm(drawn, axis=1)
+        inside &= np.arccos(np.abs(along)) < 0.25
+    told = closure_probability(grasp, closure(grasp), sigmas)
+    assert told == pytest.approx(inside.mean(), abs=0.03)
+
+
 @pytest.mark.parametrize('count', [2, 3, 4])
 def test_the_probability_of_closure_is_kept_by_draws(count):
     away, noise = _calibration(300, 4, count, 5)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from shell_deform.grasp.capacity import load_capacity
-from shell_deform.grasp.contacts import UNIFORM_ARM
+from shell_deform.grasp.contacts import UNIFORM_ARM, contacts
 from shell_deform.grasp.margins import margins
 from shell_deform.grasp.reading import body_loads, body_mass
-from shell_deform.grasp.slip import first_slips
+from shell_deform.grasp.slip import Sharing, first_slips
 from shell_deform.grasp.touching import read_grasp, read_response
 from shell_deform.solve.equilibrium import displaced
 from shell_deform.solve.newton import EquilibriumSolver
@@ -76,6 +76,26 @@ def test_plates_share_a_load_out_as_the_whole_solve_does(plates, load, share):
     told = found.sharing.tangential[:, 0, 0] if load == 0 else found.sharing.spin[:, 5]
     assert change / (share * full) == pytest.approx(told, rel=5e-3)
     assert found.force.sum(axis=0)[:, :3] == pytest.approx(-np.eye(3), abs=2e-3)
+
+
+def test_at_first_slip_one_contact_is_at_its_friction_and_the_others_are_below_it():
+    rng = np.random.default_rng(19)
+    slipping = np.zeros(3, int)
+    for _ in range(200):
+        normal = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0]])
+        grasp = contacts(-0.03 * normal, normal, rng.uniform(2.0, 9.0, 3), 0.4, 2e-3)
+        push, across, spin = (rng.normal(size=(3, *size, 6)) for size in ((), (3,), ()))
+        across -= np.einsum('ki,kil->kl', normal, across)[:, None] * normal[:, :, None]
+        wrench = rng.normal(size=6)
+        sharing = Sharing(push, across, 2e-3 * spin)
+        factor, contact, _ = first_slips(grasp, sharing, wrench[None])
+        load = factor[0] * wrench
+        pushes = grasp.push + push @ load
+        used = np.hypot(np.linalg.norm(across @ load, axis=1), spin @ load) / (0.4 * pushes)
+        assert used[contact[0]] == pytest.approx(1.0, abs=1e-9)
+        assert np.all(pushes > 0.0) and used.max() < 1.0 + 1e-9
+        slipping[contact[0]] += 1
+    assert slipping.min() > 20
 
 
 @pytest.mark.soak

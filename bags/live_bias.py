@@ -167,6 +167,18 @@ class Playing:
         )
 
 
+def outer_face(live: Rehearsal, served: Served, thickness: float) -> tuple[Array, Array]:
+    """What is served of the vertices in use (n, fields), and their outer face (n, 3) [m]."""
+    active = np.unique(live.memory.triangles)
+    adopted, pose = live.estimator.adopted, live.estimator.pose_in_use
+    assert adopted is not None
+    packed = served.packed[active].astype(float)
+    if live.memory.rest_outer is not None:
+        return packed, packed[:, -3:]
+    outward = adopted.slot.normals[active] @ pose.rotation.T
+    return packed, packed[:, :3] + 0.5 * thickness * outward
+
+
 def differences(name: str, wall: Wall = Wall(), true_contacts: bool = False) -> list[Difference]:
     """Play a recording through tick and solver; one difference per held scan.
 
@@ -174,20 +186,14 @@ def differences(name: str, wall: Wall = Wall(), true_contacts: bool = False) -> 
     """
     playing = Playing(name, wall, true_contacts)
     live, setting = playing.live, playing.setting
-    active = np.unique(live.memory.triangles)
     scans = yaml.safe_load((BAGS / name / 'truth.yaml').read_text())['scans']
     held = {one.stamp: row for one, row in zip(playing.rows.scans, scans, strict=True) if one.held}
     found = []
     for stamp, row in sorted(held.items()):
         served = playing.served(stamp, row)
-        adopted, pose = live.estimator.adopted, live.estimator.pose_in_use
-        assert adopted is not None
-        packed = served.packed[active].astype(float)
-        outward = adopted.slot.normals[active] @ pose.rotation.T
-        points = packed[:, :3] + 0.5 * playing.shell.thickness_m * outward
-        depth = row['displacement_middle_m']
-        if live.memory.rest_outer is not None:
-            points, depth = packed[:, -3:], row['displacement_outer_m']
+        packed, points = outer_face(live, served, playing.shell.thickness_m)
+        thick = live.memory.rest_outer is not None
+        depth = row['displacement_outer_m' if thick else 'displacement_middle_m']
         place = pose_of(row['object_pose'])
         turn = place.rotation @ setting.from_solution
         face = setting.truth.surface(row['force_n']).moved(turn, place.translation)

@@ -61,8 +61,18 @@ class TravelError:
 class Trial:
     """One emulated hand and the driver that measures with it, on simulated time."""
 
-    def __init__(self, seed: int, *, follow_drift: bool = True, misfit: str = 'none') -> None:
-        """A hand with opposed fingers, calibrated, initialised, seen open, not tared."""
+    def __init__(
+        self,
+        seed: int,
+        *,
+        follow_drift: bool = True,
+        misfit: str = 'none',
+        table: ForceTable = BALL,
+    ) -> None:
+        """A hand with opposed fingers, calibrated, initialised, seen open, not tared.
+
+        `table`: how the ball of WIDTH_M between its pins resists.
+        """
         self.seed = seed
         generator = np.random.default_rng([seed, 1])
         nominal = MountedPin()
@@ -85,7 +95,7 @@ class Trial:
         )
         truth = MISFITS[misfit]
         self.mechanics = HandMechanics(
-            misfit_body(body, truth), seed, Pinched((1, 2), WIDTH_M, BALL)
+            misfit_body(body, truth), seed, Pinched((1, 2), WIDTH_M, table)
         )
         misfit_gauges(self.mechanics, truth)
         self.emulated = EmulatedHand(self.mechanics)

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,11 +142,12 @@ def _sample(seen: Observation, stamp: int) -> ContactSample:
     """What an observed hand publishes of its contacts."""
     contacts = [seen.fingers[finger].contact for finger in (1, 2)]
 
-    def column(name: str) -> Array:
-        return np.array([getattr(contact, name) for contact in contacts])
+    def column(name: str, kind: type = float) -> Any:
+        return np.array([getattr(contact, name) for contact in contacts], kind)
 
     return ContactSample(
-        stamp, column('finger'), column('flags'), column('point'), column('normal'),
-        column('force'), column('sigma_normal_n'), column('sigma_tangential_n'),
-        column('radius_m'), column('travel_m'), column('sigma_travel_m'), column('along'),
+        stamp, column('finger', np.int64), column('flags', np.int64), column('point'),
+        column('normal'), column('force'), column('sigma_normal_n'),
+        column('sigma_tangential_n'), column('radius_m'), column('travel_m'),
+        column('sigma_travel_m'), column('along'),
     )  # fmt: skip

@@ -242,7 +242,7 @@ def poses(count: int) -> Iterator[list[str]]:
             found = register(points, surface, views=view)
             distances = measure(surface, found.pose.apply(points))
             means.append(float(np.mean(np.abs(distances.distance))))
-            sigmas.append(mean_error_sigma(distances, np.ones(len(points), bool), found))
+            sigmas.append(mean_error_sigma(distances, np.ones(len(points), bool), found, view))
             chosen = np.random.default_rng(seed).choice(len(points), 5)
             at = measure(surface, found.pose.apply(points[chosen]))
             for foot, normal in zip(at.foot, at.normal, strict=True):

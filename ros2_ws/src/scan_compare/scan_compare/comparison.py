@@ -265,7 +265,7 @@ def compare(
         profiles=tuple(profiles(points[used], surface, contacts, undeformed_points, depth_sigma)),
         scanner_sigma_m=sigma,
         noise_floor_m=floor,
-        mean_error_sigma_m=mean_error_sigma(distances, used, found),
+        mean_error_sigma_m=mean_error_sigma(distances, used, found, scan.view),
         mean_error_noise_free_m=_noise_free_mean(means, sigma),
         merging_sigma_m=merged,
         max_error_m=largest,

@@ -104,18 +104,22 @@ def covariance(
     freedom = 6 + influence.free.shape[1]
     pulled = influence.pose * influence.distance[:, None]
     white = pulled.T @ pulled * (n / max(n - freedom, 1))
-    groupings = (
-        _patches(foot, radius) if views is None else [np.unique(views, return_inverse=True)[1]]
-    )
+    groupings = groups_alike(foot, radius, views)
     # Patches are tried for want of views: only what noise alone would not show counts there.
     doubt = 0.0 if views is not None else SIGNIFICANT
-    found = [_shared(influence, groups.reshape(-1), doubt) for groups in groupings]
+    found = [_shared(influence, groups, doubt) for groups in groupings]
     if views is None:
         found.append(_mixed(influence, used, scanner_sigma))
     return white + max(found, key=lambda part: float(np.trace(part)), default=np.zeros((6, 6)))
 
 
-def _patches(foot: np.ndarray, radius: float) -> list[np.ndarray]:
+def groups_alike(foot: np.ndarray, radius: float, views: np.ndarray | None) -> list[np.ndarray]:
+    """Return numbers (n,) of the groups whose points err alike: views, or patches of some sizes.
+
+    foot (n, 3) [m], radius of the object [m], views (n,) or None as for `covariance`.
+    """
+    if views is not None:
+        return [np.unique(views, return_inverse=True)[1].reshape(-1)]
     found = []
     for share in PATCH_SHARES:
         cell, count = group_by_cell(foot, share * radius)

@@ -12,9 +12,10 @@ from __future__ import annotations
 import numpy as np
 
 from scan_compare.distance import Distances
+from scan_compare.pose_covariance import groups_alike
 from scan_compare.registration import Registration
 from scan_compare.robust import spread_of
-from scan_compare.statistics import ALIKE, group_by_cell
+from scan_compare.statistics import group_by_cell
 
 FEWEST_POINTS = 50
 """A neighbourhood of fewer scan points has no mean."""
@@ -49,11 +50,14 @@ def merging_sigma(
     return spread_of(difference[seen], 0.0) if np.count_nonzero(seen) >= FEWEST_PLACES else None
 
 
-def mean_error_sigma(distances: Distances, used: np.ndarray, found: Registration) -> float:
+def mean_error_sigma(
+    distances: Distances, used: np.ndarray, found: Registration, views: np.ndarray | None = None
+) -> float:
     """Return the standard deviation [m] of the mean unsigned distance.
 
     Two parts: the registration's covariance carried through the mean, and the scatter of means
-    over patches in which errors are alike.
+    over groups of points whose errors are alike: views (n,) where they are numbered, else patches
+    of the size that makes the mean least certain.
     """
     sign = np.sign(distances.distance[used])
     arms = distances.foot[used] - found.centre
@@ -63,10 +67,15 @@ def mean_error_sigma(distances: Distances, used: np.ndarray, found: Registration
     )
     from_pose = float(gradient @ found.covariance @ gradient)
     unsigned = np.abs(distances.distance[used])
-    patch, count = group_by_cell(distances.foot[used], ALIKE * found.radius_m)
-    excess = np.bincount(patch, unsigned - unsigned.mean(), minlength=count)
-    from_scatter = float(np.sum(excess**2)) / unsigned.size**2
-    return float(np.sqrt(max(0.0, from_pose) + from_scatter))
+    excess = unsigned - unsigned.mean()
+    known = None if views is None else views[used]
+    scatter = [float(excess @ excess)]
+    for group in groups_alike(distances.foot[used], found.radius_m, known):
+        sums: np.ndarray = np.bincount(group, excess)
+        count = int(group.max()) + 1
+        # The groups' own mean is taken off: few of them scatter less than they err.
+        scatter.append(float(sums @ sums) * count / max(count - 1, 1))
+    return float(np.sqrt(max(0.0, from_pose) + max(scatter) / unsigned.size**2))
 
 
 def pose_sigma(

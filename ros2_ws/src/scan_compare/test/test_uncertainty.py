@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scan_shells import BALL_RADIUS, SCANNER_SIGMA, ball, scan_points
@@ -10,7 +12,7 @@ from scan_shells import BALL_RADIUS, SCANNER_SIGMA, ball, scan_points
 from scan_compare.comparison import Setup, compare
 from scan_compare.dent import Contacts
 from scan_compare.scan import Scan
-from scan_compare.uncertainty import merging_sigma
+from scan_compare.uncertainty import mean_error_sigma, merging_sigma
 
 SIZE = 12e-3
 VIEWS = np.random.default_rng(3).normal(size=(40, 3))
@@ -86,3 +88,21 @@ def test_a_depth_is_no_better_known_than_the_views_that_show_it() -> None:
     assert plain.profiles[0].apex_sigma_m < 0.03e-3
     assert merged_views.merging_sigma_m == pytest.approx(0.15e-3, rel=0.35)
     assert merged_views.profiles[0].apex_sigma_m > merged_views.merging_sigma_m
+
+
+@pytest.mark.parametrize('numbered', [True, False])
+def test_views_that_are_off_widen_the_sigma_of_the_mean_error(numbered: bool) -> None:
+    """Ten views, each off by as much as a point scatters, move the mean of the distances."""
+    at = feet(4)[:4_000]
+    view = np.argmax(at @ VIEWS[:10].T, axis=1)
+    everywhere = np.ones(len(at), bool)
+    known = SimpleNamespace(centre=np.zeros(3), covariance=np.zeros((6, 6)), radius_m=BALL_RADIUS)
+    means, sigmas = [], []
+    for seed in range(150):
+        random = np.random.default_rng([seed, 7])
+        distance = SCANNER_SIGMA * (random.normal(size=10)[view] + random.normal(size=len(at)))
+        off = SimpleNamespace(foot=at, normal=at / BALL_RADIUS, distance=distance)
+        means.append(np.mean(np.abs(distance)))
+        sigmas.append(mean_error_sigma(off, everywhere, known, view if numbered else None))
+    ratio = np.std(means) / np.sqrt(np.mean(np.square(sigmas)))
+    assert 0.8 < ratio < (1.2 if numbered else 2.0)

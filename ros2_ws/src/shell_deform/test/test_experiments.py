@@ -22,5 +22,6 @@ def test_a_number_is_judged_only_where_one_was_read():
         return Experiment('ball', 'travel', measured, 1.0, 'known', 'someone', '').verdict
 
     assert verdict((0.9, 1.1)) == 'within'
-    assert verdict((1.3, 1.3)) == 'outside'
+    assert verdict((1.2, 1.3)) == 'outside'
+    assert verdict((1.3, 1.3)) == 'differs by -0.3'
     assert verdict(None) == 'no number to compare with'

@@ -49,10 +49,12 @@ class Experiment:
 
     @property
     def verdict(self) -> str:
-        """Whether ours lies within what was measured."""
+        """Whether ours lies within what was measured; how far off a single number it is."""
         if self.measured is None:
             return 'no number to compare with'
         low, high = self.measured
+        if low == high:
+            return f'differs by {self.ours - low:+.2g}'
         return 'within' if low <= self.ours <= high else 'outside'
 
     def as_dict(self) -> dict[str, Any]:

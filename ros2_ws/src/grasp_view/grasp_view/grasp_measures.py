@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import html
 from dataclasses import dataclass
 
 from .palette import DARK, LIGHT, Colour, Palette, rgb
@@ -59,12 +60,16 @@ def colour_of(probability: float, palette: Palette = LIGHT) -> Colour:
     return red, green, blue
 
 
-def hold_html(grasp: GraspMeasures | None) -> str:
-    """Closure in words and the window as a bar; empty while no grasp is known."""
+def hold_html(grasp: GraspMeasures | None, told: str = '') -> str:
+    """Closure in words and the window as a bar; empty while no grasp is known.
+
+    `told`: what the solver says of closure, once a second: why there is none.
+    """
     if grasp is None or not len(grasp.points):
         return ''
     word = 'closed' if grasp.closed else 'not closed'
     light, dark = (_css(colour_of(grasp.probability, one)) for one in (LIGHT, DARK))
+    why = '' if grasp.closed else told.partition('not closed: ')[2]
     needs = 'no friction would do'
     if grasp.needed < 20.0:
         needs = f'needs {grasp.needed:.2f} ± {grasp.needed_sigma:.2f}'
@@ -73,6 +78,7 @@ def hold_html(grasp: GraspMeasures | None) -> str:
         '<div class="grasp-section grasp-hold">'
         f'<b style="color:light-dark({light}, {dark})">{word}</b>'
         f'<i>{100.0 * grasp.probability:.0f} % sure</i>'
+        f'{_paragraph(why)}'
         f'<p>friction {grasp.friction:.2f} ± {grasp.friction_sigma:.2f} given, {needs}{where}</p>'
         f'{window_svg(grasp)}<p>{_window_words(grasp)}</p>{_slip_words(grasp)}'
         '<p>friction is an input, tangential forces are of the model</p></div>'
@@ -101,7 +107,11 @@ def _slip_words(grasp: GraspMeasures) -> str:
     if 0.0 < grasp.dent < UNLIMITED_N:
         sure = '' if grasp.resolved else ' (stress not resolved)'
         told.append(f'a dent begins at {grasp.dent:.1f} N{sure}')
-    return f'<p>{"; ".join(told)}</p>' if told else ''
+    return _paragraph('; '.join(told))
+
+
+def _paragraph(text: str) -> str:
+    return f'<p>{html.escape(text)}</p>' if text else ''
 
 
 def _mass(kilograms: float) -> str:

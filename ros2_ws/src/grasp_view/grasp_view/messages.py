@@ -168,6 +168,7 @@ class SolverFacts:
     object_name: str
     theory: str
     trouble: str
+    closure: str = ''
 
 
 def read_facts(message: DiagnosticArray, what_if: str, asked: bool) -> SolverFacts | None:
@@ -184,6 +185,7 @@ def read_facts(message: DiagnosticArray, what_if: str, asked: bool) -> SolverFac
                 object_name(values['object']),
                 values.get('theory', ''),
                 '' if healthy else status.message,
+                values.get('grasp', ''),
             )
     return None
 

@@ -237,7 +237,7 @@ class Page:
         for name, element, text in (
             ('state', self._state, words.state_html(now)),
             ('numbers', self._numbers, words.largest_html(snapshot, now) + numbers),
-            ('hold', self._hold, hold_html(snapshot.grasp)),
+            ('hold', self._hold, hold_html(snapshot.grasp, snapshot.closure)),
             ('section', self._section, section_html(section)),
             ('held', self._held, hold_curve_html(self._curves.hold)),
             ('turned', self._turned, turn_curve_html(self._curves.turn)),

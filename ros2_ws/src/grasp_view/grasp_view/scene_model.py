@@ -87,8 +87,9 @@ class Snapshot:
     """Everything received last; None where nothing came yet. `time` is the newest stamp in s.
 
     joints: positions by name, rad or m. answer: which theory answered, `taking up` while none
-    could; trouble: what the deformation node complains of. object_name, theory and recording say
-    where the numbers come from; a recording is `name: label`.
+    could; trouble: what the deformation node complains of; closure: whether the grasp closes, and
+    why not, in its words. object_name, theory and recording say where the numbers come from; a
+    recording is `name: label`.
     """
 
     time: float = 0.0
@@ -105,6 +106,7 @@ class Snapshot:
     state: str = ''
     answer: str = ''
     trouble: str = ''
+    closure: str = ''
     object_name: str = ''
     theory: str = ''
     recording: str = ''

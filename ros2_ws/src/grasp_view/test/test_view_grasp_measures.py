@@ -56,6 +56,16 @@ def test_closure_is_told_with_what_it_needs_and_what_was_given(grasp: GraspMeasu
     assert '>not closed<' in open_one and 'no friction would do' in open_one
 
 
+def test_a_grasp_that_is_not_closed_says_why(grasp: GraspMeasures) -> None:
+    why = 'not closed: all contacts are in one place'
+    assert 'all contacts are in one place' in hold_html(replace(grasp, closed=False), why)
+    # Words come once a second: those of a grasp that has closed meanwhile are not shown.
+    assert 'one place' not in hold_html(grasp, why)
+    assert hold_html(replace(grasp, closed=False), 'closed') == hold_html(
+        replace(grasp, closed=False)
+    )
+
+
 def test_first_slip_and_dent_are_told_where_the_message_has_them(grasp: GraspMeasures) -> None:
     assert 'slips first' not in hold_html(grasp) and 'dent begins' not in hold_html(grasp)
     more = ('gravity_slip', 'slip_finger', 'dent_push', 'stress_resolved')

@@ -162,11 +162,12 @@ def test_object_and_theory_come_from_the_diagnostics_of_the_right_node(
     name: str, asked: bool, known: bool
 ) -> None:
     values = {'object': '/data/cup/object.yaml', 'theory': 'koiter', 'background trouble': ''}
+    values['grasp'] = 'not closed: no contact'
     told = diagnostics(1, name, 'warn', 'no pose', values)
     facts = messages.read_facts(told, '/what_if', asked)
     assert (facts is not None) == known
     if facts is not None:
-        assert facts == messages.SolverFacts('cup', 'koiter', 'no pose')
+        assert facts == messages.SolverFacts('cup', 'koiter', 'no pose', values['grasp'])
     other = diagnostics(1, name, 'ok', 'fine', {'browsers': 1})
     assert messages.read_facts(other, '/what_if', asked) is None
 

@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import time
+from dataclasses import replace
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -193,6 +194,27 @@ def test_every_sample_has_its_grasp_by_field_name(node, hand):
     # the number of that sample comes on a topic of its own, perhaps after those of samples before
     mass = pytest.approx(lifted / 9.80665, rel=0.1)
     wait(hand, lambda: hand.numbers.get('grasp/liftable_mass', 0.0) == mass)
+
+
+@pytest.mark.parametrize(
+    ('places', 'start', 'why'),
+    [([0], 1500, 'one contact holds nothing'), ([0, 0], 1700, 'all contacts are in one place')],
+)
+def test_what_holds_nothing_says_why_and_is_served(node, hand, places, start, why):
+    def make(i):
+        rows = squeezed(2e-3, start=start)(i).rows(np.array(places))
+        return replace(rows, finger=np.arange(1, len(places) + 1))
+
+    def told():
+        deformed = hand.grasps and grasp_of(hand.grasps[-1])['on_deformed_normals'][-1]
+        return deformed and hand.diagnostics.get('grasp') == f'not closed: {why}'
+
+    hand.stream(make, told)
+    rows = grasp_of(hand.grasps[-1])
+    assert rows['closed'][-1] == 0.0
+    assert all(np.all(np.isfinite(rows[name])) for name in rows.dtype.names)
+    assert hand.state == 'CONTACT'
+    assert 'started over' not in node.text
 
 
 def grasp_of(message):

@@ -80,6 +80,27 @@ def test_borders_hold_the_rigid_modes_of_a_free_body(sphere):
     assert bordered.inertia == Inertia(len(modes), 6, 0)
 
 
+def test_borders_that_repeat_each_other_share_their_multipliers(sphere):
+    vertices, free, symbolic = sphere
+    modes = rigid_modes(vertices)
+    alone = BorderedFactor(factorise(symbolic, free), modes)
+    twice = BorderedFactor(factorise(symbolic, free), np.hstack([modes, modes[:, :2]]))
+    load, values = random(len(modes)), 1e-3 * random(6)
+    (x, m), (y, shared) = (
+        system.solve(load, given)
+        for system, given in ((alone, values), (twice, np.append(values, values[:2])))
+    )
+    assert np.allclose(y, x, rtol=1e-9, atol=1e-9 * np.abs(x).max())
+    expected = np.concatenate([0.5 * m[:2], m[2:], 0.5 * m[:2]])
+    assert np.allclose(shared, expected, rtol=1e-9, atol=1e-9 * np.abs(m).max())
+    # Every border takes one direction away, told twice or not.
+    assert twice.inertia.negative - 8 == alone.inertia.negative - 6
+    # Given different values they meet in the middle.
+    apart = np.append(values, 3.0 * values[:2])
+    middle = alone.solve(load, np.append(2.0 * values[:2], values[2:]))[0]
+    assert np.allclose(twice.solve(load, apart)[0], middle, atol=1e-9 * np.abs(middle).max())
+
+
 def test_borders_that_leave_a_mode_free_are_refused(sphere):
     vertices, free, symbolic = sphere
     bordered = BorderedFactor(factorise(symbolic, free), rigid_modes(vertices)[:, :5])

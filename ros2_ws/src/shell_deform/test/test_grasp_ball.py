@@ -227,6 +227,14 @@ def test_coincident_contacts_hold_nothing():
     assert 'in one place' in told.why
 
 
+def test_one_pin_alone_gives_an_object_no_stiffness():
+    ball = _straight()
+    state = replace(ball.states[1], force=np.array([5.0, 0.0]))
+    grasp = replace(ball.grasp(1), push=state.force)
+    found = read_response(ball.solver, ball.pins, state, grasp)
+    assert found.sharing is None and found.compliance is None
+
+
 def test_a_contact_without_push_slips_at_once():
     ball = _straight()
     grasp = replace(ball.grasp(1), push=np.array([0.0, 5.0]))

@@ -196,6 +196,25 @@ def test_a_finger_that_starts_inside_is_refused_and_the_last_state_stays(tips):
     np.testing.assert_array_equal(adopted.response.force, before)
 
 
+def test_fingertips_in_one_place_are_answered_and_hold_nothing(tips):
+    pairs = [
+        replace(sample.rows(np.array([0, 0])), finger=np.array([1, 2]))
+        for sample in growing(6e-4, 4)
+    ]
+    followed(tips, pairs)
+    tick = GraspTick()
+    rows = tick.rows(tips.estimator)
+    told = dict(zip(GRASP_FIELDS, rows[-1].tolist(), strict=True))
+    assert np.all(np.isfinite(rows))
+    assert tick.told.startswith('not closed: ')
+    assert (told['closed'], told['smallest_stiffness'], told['slip_finger']) == (0.0, 0.0, -1.0)
+    free = squeeze(0.0, stamp=50)
+    followed(tips, [replace(free, flags=0 * free.flags), *growing(6e-4, 4, 60)])
+    assert tips.estimator.adopted.response.force.min() > 0.5
+    tick.rows(tips.estimator)
+    assert tick.told == 'closed'
+
+
 def round_fingers(depth, turn):
     """Two round fingers on the z axis, the first turned about it [rad]."""
     touches = []
@@ -258,6 +277,13 @@ def test_a_path_keeps_a_finger_that_comes_and_another_friction():
     for record in (request(0.0), request(0.0, 3), request(0.0, 3, 0.5), request(0.0, 3, 0.5)):
         path.take(record)
     assert path.waiting == 3
+
+
+def test_a_path_ends_where_all_fingers_let_go():
+    path = LoadPath(STEP, 0.02)
+    for record in (request(0.0), request(1e-3), request(0.0, 0), request(2e-3)):
+        path.take(record)
+    assert [int(path.next()[0]['contacts']) for _ in range(path.waiting)] == [0, 2]
 
 
 def test_a_path_that_nobody_follows_is_thinned_and_says_so():

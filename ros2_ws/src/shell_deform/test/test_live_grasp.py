@@ -134,6 +134,24 @@ def test_the_wall_under_a_pin_narrower_than_itself_is_said_not_to_be_resolved(pi
     assert 0.0 < row['strain_share'] < 1.0
 
 
+@pytest.mark.parametrize(
+    ('places', 'why'), [([0], 'one contact holds nothing'), ([0, 0], 'in one place')]
+)
+def test_contacts_that_let_the_object_rock_have_no_stiffness_and_say_why(sphere, places, why):
+    model = sphere(R, H, subdivisions=2, young=12.75e6)
+    hand = live_hand.pipeline(model, replace(SURE, drive='motion', outside=100.0))
+    at = np.array(places)
+    hand.settle(replace(opposed(2e-3).rows(at), finger=np.arange(1, len(at) + 1)), rounds=3)
+    tick = GraspTick()
+    rows = tick.rows(hand.estimator)
+    told = dict(zip(GRASP_FIELDS, rows[-1].tolist(), strict=True))
+    assert np.all(np.isfinite(rows))
+    assert tick.told.startswith('not closed: ') and why in tick.told
+    assert told['on_deformed_normals'] == 1.0
+    assert (told['smallest_stiffness'], told['adversary_work'], told['gravity_slip']) == (0, 0, 0)
+    assert 0.1 < told['snap_margin'] < 2.0
+
+
 def test_nothing_in_the_hand_is_no_grasp_and_no_nan(sphere):
     model = sphere(R, H, subdivisions=2, young=12.75e6)
     hand = live_hand.pipeline(model, SURE)

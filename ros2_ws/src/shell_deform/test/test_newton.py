@@ -116,6 +116,16 @@ def test_a_load_case_prescribes_force_or_motion_at_each_contact(ball):
         forced(poles(ball), [np.inf, 1.0])
 
 
+def test_pins_in_one_place_push_together_and_move_together(ball):
+    pole, other = poles(ball)
+    solver = EquilibriumSolver(ball)
+    alone = solver.solve(forced((pole, other), [4.0, 4.0]))
+    twice = solver.solve(forced((pole, pole, other), [1.0, 3.0, 4.0]))
+    assert np.allclose(twice.positions, alone.positions, atol=1e-9)
+    with pytest.raises(LoadCaseError, match='contacts 1 and 2 are in one place'):
+        displaced((pole, pole, other), [1e-3, 2e-3, 1e-3])
+
+
 def test_any_modulus_from_soft_gel_to_steel_needs_the_same_iterations(sphere):
     counts = []
     for young in (1e3, 1e6, 210e9):

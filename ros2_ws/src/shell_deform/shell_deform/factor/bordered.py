@@ -11,6 +11,9 @@ factor of K alone. With the factor's strong part K+, weak modes Z and weak matri
 which involves no inverse of R: a singular or nearly singular K (rigid modes, limit points) costs
 no accuracy as long as the whole system is regular. An update is the border V with the corner
 -diag(1/c). Inertias add (E. Haynsworth 1968, doi:10.1016/0024-3795(68)90050-5).
+
+Borders that repeat each other, as those of two fingers in one place do, share what they carry, and
+where they are given different values the mean counts: the least squares solution.
 """
 
 from __future__ import annotations
@@ -28,6 +31,9 @@ from shell_deform.factor.base import (
 )
 
 REFINEMENTS = 4
+
+REPEATED = 1e-6
+"""Part of an eigenvector of zero that borders which repeat each other have in anything else."""
 
 
 class BorderedFactor:
@@ -110,21 +116,29 @@ class BorderedFactor:
         else:
             self._vectors, self._values, right = np.linalg.svd(scaled)
             self._left = right.T
+        zero = np.abs(self._values) <= ZERO_EIGENVALUE
+        self._repeated = 0
+        if zero.any() and not np.abs(self._left[self._count :, zero]).max(initial=0.0) > REPEATED:
+            # What has no part in any unknown or update: borders that say the same twice.
+            self._repeated = int(zero.sum())
+            self._values = np.where(zero, np.inf, self._values)
 
     @property
     def inertia(self) -> Inertia:
         """Inertia of the whole bordered (and updated) matrix over the free unknowns.
 
-        Raises FactorError for borders with other measures: that matrix is not symmetric.
+        A border that repeats others counts as a negative one, as each of these does. Raises
+        FactorError for borders with other measures: that matrix is not symmetric.
         """
         if self._rows is not self._columns:
             raise FactorError('a bordered matrix with other measures is not symmetric')
         zero = np.abs(self._values) <= ZERO_EIGENVALUE
+        positive = np.isfinite(self._values) & (self._values > 0.0) & ~zero
         return (
             self.factor.strong
             + Inertia(
-                int(np.sum((self._values > 0.0) & ~zero)),
-                int(np.sum((self._values < 0.0) & ~zero)),
+                int(np.sum(positive)),
+                int(np.sum((self._values < 0.0) & ~zero)) + self._repeated,
                 int(np.sum(zero)),
             )
             - self._update_signs

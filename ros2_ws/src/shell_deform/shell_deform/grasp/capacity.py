@@ -112,7 +112,8 @@ def bounds_of(grasp: GraspContacts, bounds: Array, wrenches: Array, basis: Array
     work = -np.einsum('da,da->d', wrenches, bounds)
     by_contact = (bounds @ basis.reshape(6, -1)).reshape(len(bounds), -1, FORCES)
     across = np.sqrt(np.einsum('dkf,dkf->dk', by_contact[:, :, 1:], by_contact[:, :, 1:]))
-    most = np.maximum(by_contact[:, :, 0] + grasp.friction * across, 0.0) @ grasp.push
+    most = np.maximum(by_contact[:, :, 0] + grasp.friction * across, 0.0)
+    most = most @ np.maximum(grasp.push, 0.0)
     return np.where(work > 0.0, most / np.where(work > 0.0, work, 1.0), np.inf)
 
 

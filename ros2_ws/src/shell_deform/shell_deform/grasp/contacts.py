@@ -15,8 +15,8 @@ AFTER, BEFORE = np.array([1, 2, 0]), np.array([2, 0, 1])
 FORCES = 4
 """Of a contact: push, two tangential forces, spin torque over its arm."""
 
-LEAST_PUSH = 1e-9
-"""A contact with less than this share of the largest push carries nothing."""
+LEAST_PUSH, LEAST_NEWTON = 1e-9, 1e-6
+"""A contact with less than this share of the largest, or than so much [N], carries nothing."""
 
 LARGEST = {'push': 1e9, 'friction': 1e3, 'arm': 1e3, 'point': 1e6}
 """Of what is taken for a contact's value [N, -, m, m]; more is a mistake of units or worse."""
@@ -107,7 +107,7 @@ class GraspContacts:
     @property
     def pressing(self) -> NDArray[np.bool_]:
         """(k,) whether each contact presses at all: one that does not holds nothing."""
-        return self.push > LEAST_PUSH * max(float(self.push.max(initial=0.0)), 1e-12)
+        return self.push > max(LEAST_PUSH * float(self.push.max(initial=0.0)), LEAST_NEWTON)
 
     def chosen(self, index: NDArray[np.bool_]) -> GraspContacts:
         """Some of the contacts."""

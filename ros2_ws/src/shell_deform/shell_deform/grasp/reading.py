@@ -23,6 +23,7 @@ from shell_deform.readout import principal, read_out, von_mises, wall_ratio
 from shell_deform.solve.borders import borders
 from shell_deform.solve.equilibrium import Equilibrium, displaced
 from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.supports import GRIP_TOLERANCE, free_rigid_modes
 from shell_deform.surface.limit import surface_points
 from shell_deform.surface.loop_basis import BasisRows, basis_rows
 from shell_deform.theory.reference import sharpest_curvature
@@ -78,14 +79,15 @@ class Response:
     Attributes:
         centre: (3,) centre of mass of the wall [m], origin of all wrenches.
         force: (k, 3, 6) change of the fingers' forces per unit wrench [N per N or N m].
-        sharing: the same along and across the normals, which turn, too.
-        compliance: (6, 6) motion of the object per wrench, see `stiffness`.
+        sharing: the same along and across the normals, which turn, too; None where the fingers
+            let the object move as a body, and the forces then zero.
+        compliance: (6, 6) motion of the object per wrench, see `stiffness`; None likewise.
     """
 
     centre: Array
     force: Array
-    sharing: Sharing
-    compliance: Array
+    sharing: Sharing | None
+    compliance: Array | None
 
 
 @dataclass(frozen=True)
@@ -182,14 +184,15 @@ def read_response(
 ) -> Response:
     """How the tangent at `state` shares out wrenches that act on the object as its weight does.
 
-    `grasp`: the contacts there, whose normals turn under the load as well. Raises
-    SingularMatrixError where the fingers do not hold the object at all.
+    `grasp`: the contacts there, whose normals turn under the load as well.
     """
     model = solver.model.on_contacts(patches)
     if model is not solver.model:
         solver = EquilibriumSolver(model)
     count = len(patches)
     centre, loads = body_loads(body_mass(model), state.positions)
+    if not holds_still(model, patches, grasp):
+        return unheld(centre, count)
     bordering = borders(model, displaced(patches, np.zeros(count)))
     system = solver.system(model.tangent(state.unknowns), bordering)
     # A thick wall has more unknowns than its control points.
@@ -199,6 +202,29 @@ def read_response(
     held = border[count : count + HELD_ROWS * count].reshape(count, HELD_ROWS, -1)
     answer = Answer(centre, loads, motion, border[:count], held)
     return answered(patches, outer_feet(model, patches), state.positions, grasp, answer)
+
+
+def holds_still(
+    model: ShellModel, patches: tuple[ContactPatch, ...], grasp: GraspContacts
+) -> bool:
+    """Whether the contacts that press, standing still, keep the object from moving as a body.
+
+    One contact, or all in one place, let it rock: its stiffness there is that of round-off.
+    """
+    modes = model.free_modes[: model.rest.size]
+    rows = [
+        row.reshape(-1)
+        for patch, presses in zip(patches, grasp.pressing, strict=True)
+        if presses
+        for row in (patch.displacement_row(), *patch.held_rows())
+    ]
+    held = np.array(rows).reshape(-1, len(modes)).T
+    return not free_rigid_modes(modes, held, GRIP_TOLERANCE).shape[1]
+
+
+def unheld(centre: Array, count: int) -> Response:
+    """The response of `count` contacts that do not hold an object about `centre`."""
+    return Response(centre, np.zeros((count, 3, 6)), None, None)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,9 @@ from shell_deform.grasp.reading import (
     body_mass,
     finger_force,
     held_contacts,
+    holds_still,
     outer_feet,
+    unheld,
 )
 from shell_deform.grasp.slip import Sharing
 from shell_deform.model import ShellModel
@@ -108,13 +110,16 @@ def read_response(
     """How the tangent at `state` shares out wrenches while pins and bodies stand still.
 
     Points of a body that stick go on sticking, and those that slip slip on: the tangent of the
-    state. `grasp`: its contacts. Raises what `reading.read_response` raises.
+    state. `grasp`: its contacts.
     """
     if all(patch.body is None for patch in patches):
         return reading.read_response(solver, patches, state, grasp)
     model = solver.model.on_contacts(patches)
     if model is not solver.model:
         solver = EquilibriumSolver(model)
+    centre, loads = body_loads(body_mass(model), state.positions)
+    if not holds_still(model, patches, grasp):
+        return unheld(centre, len(patches))
     case = replace(displaced(patches, state.displacement), motion=state.motion)
     bordering = borders(model, case)
     assert bordering.field is not None
@@ -124,7 +129,6 @@ def read_response(
         np.zeros(len(patches)),
     )  # fmt: skip
     tangent = touched_tangent(model.tangent(state.unknowns), bordering.field, press)
-    centre, loads = body_loads(body_mass(model), state.positions)
     padded = np.concatenate([loads, np.zeros((state.unknowns.size - len(loads), 6))])
     motion, border = solver.system(tangent, bordering).solve(padded)
     return touched_response(model, patches, state, grasp, Standing(centre, loads, motion, border))

@@ -349,9 +349,7 @@ class DeformationNode(Node):
         if topics.grasp_wanted:
             topics.grasp(self._grasp.rows(estimator), served.stamp, self._frame)
             if self._grasp.why:
-                self.get_logger().info(
-                    f'grasp not closed: {self._grasp.why}', throttle_duration_sec=5.0
-                )
+                self.get_logger().info(f'grasp {self._grasp.told}', throttle_duration_sec=5.0)
         if topics.later_wanted and estimator.hold is not None:
             topics.later(estimator.hold.later(), served.stamp, self._frame)
         if self._learns and self.modulus is not None:
@@ -536,6 +534,7 @@ class DeformationNode(Node):
             self.served, learned, self.failure, self._unusable,
         )  # fmt: skip
         chosen = {name: self.get_parameter(name).value for name in ('object', 'theory', 'drive')}
+        chosen['grasp'] = self._grasp.told if self._topics.grasp_wanted else ''
         told = diagnosis.values(condition, time.monotonic())
         values = {**chosen, **told, **self._path.figures, **self._tactile.figures}
         self._topics.diagnostics(*diagnosis.judge(condition), values)

@@ -16,6 +16,10 @@ from shell_deform.contact.loads import ContactPatch
 Array = NDArray[np.float64]
 
 
+ONE_PLACE = 1e-9
+"""Pins nearer to each other than this [m] press the same points, which move only one way."""
+
+
 class End(str, Enum):
     """How the way to a load case ended."""
 
@@ -80,6 +84,20 @@ class LoadCase:
                 raise LoadCaseError(
                     f'the {what} of a grip is not finite: {np.asarray(values).tolist()}'
                 )
+        self._refuse_two_ways()
+
+    def _refuse_two_ways(self) -> None:
+        """Pins in one place that are to move differently: neither could be obeyed."""
+        pins = np.flatnonzero(self.driven & ~self.padded)
+        for a, first in enumerate(pins):
+            for second in pins[a + 1 :]:
+                ways = self.displacement[[first, second]]
+                apart = self.contacts[first].point - self.contacts[second].point
+                if abs(ways[0] - ways[1]) > ONE_PLACE > np.linalg.norm(apart):
+                    raise LoadCaseError(
+                        f'contacts {first + 1} and {second + 1} are in one place, which cannot '
+                        f'move by {ways[0]:g} m and by {ways[1]:g} m; move one of them'
+                    )
 
     @property
     def driven(self) -> NDArray[np.bool_]:

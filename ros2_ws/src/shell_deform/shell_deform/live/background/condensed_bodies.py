@@ -37,13 +37,13 @@ class Touched:
     Attributes:
         condensed: columns. rigid: (r,) amplitudes of the rigid motions there that nothing
             prevents. negative: directions of negative stiffness while pushes are given.
-        standing: what wrenches do while all bodies stand still.
+        standing: what wrenches do while all bodies stand still; None where these do not hold.
     """
 
     condensed: Condensed
     rigid: Array
     negative: int
-    standing: Standing
+    standing: Standing | None
 
     def stable(self, driven: NDArray[np.bool_]) -> bool:
         """Whether there are none while the depths of the `driven` (k,) bodies are given.
@@ -84,13 +84,14 @@ def condense(
     solver: EquilibriumSolver,
     case: LoadCase,
     state: Equilibrium,
-    mass: sp.csr_matrix,
+    mass: sp.csr_matrix | None,
     near: Known | None = None,
 ) -> Touched:
     """Columns of an equilibrium under a case whose contacts are all bodies.
 
-    `mass` (n, n) of the wall, over which wrenches on the object are spread. By the tangent there,
-    or by one that is known `near` it: with who touched and slipped then.
+    `mass` (n, n) of the wall, over which wrenches on the object are spread; None where the bodies
+    let it move whatever they do. By the tangent there, or by one that is known `near` it: with who
+    touched and slipped then.
     """
     count = len(case.contacts)
     free = replace(case, force=np.zeros(count), displacement=np.full(count, np.nan))
@@ -119,11 +120,13 @@ def condense(
     r = _rigid_rows(bordering.held, solver.model.free_modes)
     loads, below, moved = _unit_inputs(motions, elastic, held, r)
     eliminated = -depth @ (moved[pressing, 0] / corner[:, None])
-    centre, wrenches = body_loads(mass, state.positions)
-    padded = np.zeros((len(elastic), wrenches.shape[1]))
-    padded[: len(wrenches)] = wrenches
+    centre, wrenches = np.zeros(3), np.zeros((len(elastic), 0))
+    if mass is not None:
+        centre, carried = body_loads(mass, state.positions)
+        wrenches = np.zeros((len(elastic), carried.shape[1]))
+        wrenches[: len(carried)] = carried
     fields, multipliers = system.solve(
-        np.concatenate([loads + eliminated, padded], axis=1),
+        np.concatenate([loads + eliminated, wrenches], axis=1),
         np.concatenate([below, np.zeros((held, wrenches.shape[1]))], axis=1),
         refinements=0,
     )
@@ -131,21 +134,25 @@ def condense(
     columns = _outputs(
         motions, fields[:, :inputs], multipliers[:, :inputs], moved, corner, r, count
     )
-    # Bodies push as much more as brings them back to where they stand, what is rigid is balanced.
-    moving = [*pressing, *range(inputs - r - 1, inputs - 1)]
-    by = np.concatenate([columns.displacement[pressing], columns.rigid_reaction])[:, moving]
-    away = (depth.T @ fields[:, inputs:]) / corner[:, None]
-    given = np.linalg.solve(by, np.concatenate([away, multipliers[held - r :, inputs:]]))
+    standing = None
+    if mass is not None:
+        # Bodies push as much more as brings them back to where they stand, what is rigid is
+        # balanced.
+        moving = [*pressing, *range(inputs - r - 1, inputs - 1)]
+        by = np.concatenate([columns.displacement[pressing], columns.rigid_reaction])[:, moving]
+        away = (depth.T @ fields[:, inputs:]) / corner[:, None]
+        given = np.linalg.solve(by, np.concatenate([away, multipliers[held - r :, inputs:]]))
+        standing = Standing(
+            centre,
+            wrenches[: state.positions.size],
+            fields[:, inputs:] + fields[:, moving] @ given,
+            multipliers[:, inputs:] + multipliers[:, moving] @ given,
+        )
     return Touched(
         columns,
         bordering.held[:, held - r :].T @ (state.unknowns - solver.model.start).reshape(-1),
         negative_directions(system, bordering),
-        Standing(
-            centre,
-            wrenches,
-            fields[:, inputs:] + fields[:, moving] @ given,
-            multipliers[:, inputs:] + multipliers[:, moving] @ given,
-        ),
+        standing,
     )
 
 

@@ -24,7 +24,15 @@ from shell_deform.contact.body_file import FingerBody
 from shell_deform.contact.contact_field import Memory, contact_field
 from shell_deform.contact.finger_bodies import of_finger, sizes
 from shell_deform.grasp.contacts import GraspContacts
-from shell_deform.grasp.reading import Response, WallReader, WallState, body_mass, wall_reader
+from shell_deform.grasp.reading import (
+    Response,
+    WallReader,
+    WallState,
+    body_mass,
+    holds_still,
+    unheld,
+    wall_reader,
+)
 from shell_deform.grasp.touching import read_grasp, touched_response
 from shell_deform.live.background.answer import Answer, write
 from shell_deform.live.background.condensed import Condensed, CondensedSystem, contact_rows
@@ -218,7 +226,10 @@ class FingertipSolver:
         found = replace(found, converged=True, message='')
         found = replace(found, touches=touches_of(self._solver, case, found))
         near = self._solver.known if load.hurried else None
-        touched = condense(self._solver, case, found, self._mass, near)
+        model = self._solver.model
+        grasp = read_grasp(model, case.contacts, found, load.friction)
+        held = holds_still(model, case.contacts, grasp)
+        touched = condense(self._solver, case, found, self._mass if held else None, near)
         if anew:
             self._begin(fingers)
         if self._untouched is not None and np.all(np.abs(found.force) < SMALLEST_PUSH):
@@ -227,10 +238,11 @@ class FingertipSolver:
             touched = replace(touched, condensed=self._untouched, rigid=rigid)
         columns = self._columns(fingers, found, touched)
         doubt = self._learn(None if anew else self._held, fingers, case, columns)
-        model = self._solver.model
-        grasp = read_grasp(model, case.contacts, found, load.friction)
-        if near is not None and self._held is not None and not anew:
-            response = self._held.response
+        last = None if self._held is None or anew else self._held.response
+        if touched.standing is None:
+            response = unheld(found.positions.mean(axis=0), len(fingers))
+        elif near is not None and last is not None and last.sharing is not None:
+            response = last
         else:
             response = touched_response(model, case.contacts, found, grasp, touched.standing)
         if anew or self._reader is None:

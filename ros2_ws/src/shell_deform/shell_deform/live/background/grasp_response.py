@@ -21,6 +21,8 @@ from shell_deform.grasp.reading import (
     body_loads,
     body_mass,
     held_contacts,
+    holds_still,
+    unheld,
     wall_reader,
 )
 from shell_deform.live.background.condensed import Condensed, CondensedSystem
@@ -69,10 +71,13 @@ class GraspResponse:
         count = len(patches)
         positions = tracker.positions
         centre, loads = body_loads(self._mass, positions)
-        answer = standing(tracker.system(), condensed, centre, loads)
         held = state.multipliers[: HELD_ROWS * count]
         grasp = held_contacts(patches, *feet.at(positions), state.force, held, 1.0)
-        self._response = answered(patches, feet, positions, grasp, answer)
+        if holds_still(tracker.model, patches, grasp):
+            answer = standing(tracker.system(), condensed, centre, loads)
+            self._response = answered(patches, feet, positions, grasp, answer)
+        else:
+            self._response = unheld(centre, count)
         dent = tracker.present(np.zeros(count, bool)).displacement
         self._wall = self._reader.at(tracker.unknowns, state.force, dent)
         return True
@@ -86,12 +91,13 @@ class GraspResponse:
 def fill_grasp(record: np.void, found: Response, wall: WallState) -> None:
     """Write how a grasp shares out loads, and what the wall bears, into a result."""
     count = len(found.force)
-    record['grasp_known'] = 1
     record['centre'] = found.centre
-    record['share_push'][:count] = found.sharing.push
-    record['share_across'][:count] = found.sharing.tangential
-    record['share_spin'][:count] = found.sharing.spin
-    record['body_compliance'] = found.compliance
+    if found.sharing is not None and found.compliance is not None:
+        record['grasp_known'] = 1
+        record['share_push'][:count] = found.sharing.push
+        record['share_across'][:count] = found.sharing.tangential
+        record['share_spin'][:count] = found.sharing.spin
+        record['body_compliance'] = found.compliance
     record['stress'], record['stress_doubt'] = wall.stress, wall.doubt
     record['strain'] = wall.strain
 

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+ROUND_OFF = 1e-9
+"""A compliance below this share of the largest is none [-]."""
+
 
 @dataclass(frozen=True)
 class SmallLoads:
@@ -112,6 +115,7 @@ def snap_margin(small: SmallLoads | None, compliance: Array) -> float:
 def _smallest_stiffness(compliance: Array) -> float:
     """Stiffness [N/m] along the softest combination of contacts; negative beyond a limit point."""
     values = np.linalg.eigvalsh(0.5 * (compliance + compliance.T))
-    if values[0] < 0:
+    # Contacts in one place: that one pushes for the other moves nothing, but for round-off.
+    if values[0] < -ROUND_OFF * abs(values[-1]):
         return 1.0 / float(values[0])
     return 1.0 / float(values[-1])

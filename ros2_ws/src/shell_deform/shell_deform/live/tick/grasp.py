@@ -96,12 +96,14 @@ class GraspTick:
     """Measures of one sample after the other; what the last one proved saves the next one time.
 
     `why`: one sentence why the last grasp is not closed or what of it cannot be told, else empty.
-    `yield_stress`: of the object [Pa], 0 where it has none.
+    `told`: the same in words, empty before the first sample. `yield_stress`: of the object [Pa], 0
+    where it has none.
     """
 
     def __init__(self) -> None:
         self.task = GraspTask()
         self.why = ''
+        self.told = ''
         self.yield_stress = 0.0
         self._held: tuple[object, object, GraspTask, HeldGrasp] | None = None
         self._fingers: tuple[int, ...] = ()
@@ -138,7 +140,10 @@ class GraspTick:
         packed[:count, 12], packed[:count, 13] = own.soft_margin, grasp.spin
         packed[-1, 0] = WHOLE
         packed[-1, 1:4] = centre
-        packed[-1, 1 + len(FINGER_FIELDS) :] = self._whole(estimator, seen, centre)
+        whole = self._whole(estimator, seen, centre)
+        packed[-1, 1 + len(FINGER_FIELDS) :] = whole
+        said = 'closed' if whole[0] else 'not closed'
+        self.told = f'{said}: {self.why}' if self.why else said
         return packed
 
     def _whole(self, estimator: Estimator, seen: Seen, centre: Array) -> tuple[float, ...]:

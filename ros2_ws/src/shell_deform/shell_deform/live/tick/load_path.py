@@ -4,7 +4,8 @@
 Friction has memory: what a grasp is depends on how it came there, so no load case may be
 overtaken. They are thinned along their path instead. A sample becomes a load case where a finger
 has moved by a step since the last one, where the way turns back, and where fingers touch or let
-go: a rule that knows lengths and no times, so that a grasp played slowly or fast is the same.
+go: a rule that knows lengths and no times, so that a grasp played slowly or fast is the same. What
+still waits when all have let go is given up: the next grasp does not depend on it.
 """
 
 from __future__ import annotations
@@ -84,6 +85,9 @@ class LoadPath:
 
     def _keep(self, request: np.ndarray) -> None:
         self._last, self._farthest = request.copy(), None
+        if not request[0]['contacts']:
+            # Where all fingers have let go, nobody remembers how they had come there.
+            self._waiting.clear()
         self._waiting.append(self._last)
         if len(self._waiting) > MOST_WAITING:
             kept = list(self._waiting)[1::2]

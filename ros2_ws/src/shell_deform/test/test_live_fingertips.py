@@ -232,12 +232,16 @@ def test_a_free_ball_is_not_thrown_out_from_between_fingers_that_turn(tmp_path):
     file.write_text('name: round\nball: {radius_m: 0.008}\n')
     model = build_model(load_object('tennis_ball'), control_vertices=300)
     solver = FingertipSolver(model, {OTHERS: load_body(file)})
-    # Two points of the mesh touch each: iterations on who sticks go astray.
+    # Two points of the mesh touch each, all of which slip: friction grows with the push alone.
     for depth, turn in ((0.0, 0.0), (1.5e-3, 0.0), (3e-3, 0.0), (3e-3, 0.05), (3e-3, 0.1)):
         solver.take(round_fingers(depth, turn))
     state = solver._held.state
+    assert solver.share == 1.0
     assert state.force.min() > 10.0
     assert np.abs(state.positions - model.rest).max() < 5e-3
+    turning = [touch.moment(touch.pose.origin)[2] for touch in state.touches]
+    assert turning[0] > 3e-3
+    assert turning[1] == pytest.approx(-turning[0], rel=0.01)
 
 
 def request(depth, fingers=2, friction=MU):

@@ -2,7 +2,7 @@
 """One load step with rigid bodies in contact: Newton's method on who touches and who sticks.
 
 A factorisation serves as long as the residual shrinks. It is symmetric; that the friction of what
-slips grows with the pressure, which it leaves out, is put in by iterating each of its solutions.
+slips grows with the pressure, which it leaves out, is put into each of its solutions by GMRES.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ MOST_ITERATIONS = 60
 # Where who touches and sticks stays, iterations that shrink the residual less ask for a new
 # factorisation: friction bounds that follow the pressure slow them down.
 SLOW = 0.6
-# How often a solution is put into what the tangent leaves out, as long as that shrinks the change.
-COUPLED, CONTRACTS = 2, 1.0
+# What the tangent leaves out is put into a solution until this share is missing, or so often.
+UNCOUPLED, MOST_COUPLED = 0.05, 12
 # Bodies that press with less than this share of what they did have lost what they held.
 TOUCHING = 1e-6
 # After some iterations, in which contact regions find their place, a step that turns the work of
@@ -170,16 +170,8 @@ class ContactStep:
         below = np.concatenate([lacking, -bordering.held.T @ self._free])
         unbalanced = self._fixed_push - gradient - pressed.eliminated(press)
         step, self._border = system.solve(unbalanced, below, refinements=1)
-        plain, size = (step, self._border), float(np.linalg.norm(step))
-        for _ in range(COUPLED if pressed.slips else 0):
-            grown = unbalanced + self._field.grown(pressed, step)
-            further, border = system.solve(grown, below, refinements=0)
-            away = float(np.linalg.norm(further - step))
-            if not away < CONTRACTS * size:
-                # Much friction: what is left out counts for too much to be iterated.
-                step, self._border = plain
-                break
-            step, self._border, size = further, border, away
+        if pressed.slips:
+            step = self._coupled(system, pressed, step, np.zeros_like(below))
         self._iterations += 1
         if not np.all(np.isfinite(step)):
             return step, 'the stiffness is singular'
@@ -187,6 +179,33 @@ class ContactStep:
         if largest > self._options.largest_move * self._wall:
             return step, f'an iteration moved the surface by {1e3 * largest:.1f} mm'
         return step, ''
+
+    def _coupled(self, system: BorderedFactor, pressed: Press, step: Array, none: Array) -> Array:
+        """The solution (N,) with the growth of friction that the factor leaves out.
+
+        Least residual in the space of what that growth does to the step, again and again (GMRES
+        with the factor as preconditioner): around a rod friction grows along the strip as a series
+        of exp(mu theta) does, which simple iterations follow only while its terms fall.
+        """
+        size = float(np.linalg.norm(step))
+        if not 0.0 < size < np.inf:
+            return step
+        basis, images, borders = [step / size], [], []
+        while True:
+            grown = self._field.grown(pressed, basis[-1])
+            further, border = system.solve(grown, none, refinements=0)
+            if not np.all(np.isfinite(further)):
+                return step
+            images.append(basis[-1] - further)
+            borders.append(border)
+            share, left = np.linalg.lstsq(np.stack(images, axis=1), step, rcond=None)[:2]
+            missing = float(np.sqrt(left[0])) / size if len(left) else 0.0
+            if not missing > UNCOUPLED or len(basis) == MOST_COUPLED:
+                self._border = self._border + share @ np.array(borders)
+                return np.asarray(share @ np.array(basis))
+            for known in basis:
+                further = further - (known @ further) * known
+            basis.append(further / np.linalg.norm(further))
 
     def _along(
         self, step: Array, gradient: Array, pressed: Press, press: Press

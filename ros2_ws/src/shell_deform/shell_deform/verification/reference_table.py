@@ -199,7 +199,7 @@ def _friction() -> Iterator[Reference]:
     for mu in capstan.FRICTIONS:
         yield Reference(
             f'strip_on_a_cylinder_{mu:g}', 'ratio of the tensions',
-            float(np.exp(mu * capstan.ARC)), 'published', 'exp(mu theta), L. Euler 1769: exact',
+            capstan.exact(mu), 'published', capstan.SOURCE,
             capstan.GOAL, SCORED,
         )  # fmt: skip
 

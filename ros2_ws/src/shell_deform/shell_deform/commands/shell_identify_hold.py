@@ -20,6 +20,9 @@ from shell_deform.identify.relaxation import (
 )
 from shell_deform.objects import load_object
 
+READ = 20
+"""Samples at the end of a hold that are read together."""
+
 
 def relaxation_from(options: argparse.Namespace) -> None:
     """Read the bag, fit the law, print it. Raises CommandError or IdentificationError."""
@@ -85,17 +88,21 @@ def relaxation_from(options: argparse.Namespace) -> None:
 
 
 def _predictions(data: HeldPushes, fit: RelaxationFit) -> list[dict[str, float]]:
-    """The last push of every finger beside what the earlier ones predict."""
+    """The last push of every finger beside what the earlier ones predict.
+
+    Sigma is of what is read there: the gauge's zero walks on until then.
+    """
     rows = []
+    noise = np.hypot(data.noise, data.quantum / np.sqrt(12.0)) / np.sqrt(READ)
     for finger in range(data.push.shape[1]):
         known = np.flatnonzero(np.isfinite(data.push[:, finger]))
         known = known[data.time[known] <= fit.levels[-1].last]
         time = float(data.time[known[-1]])
-        force, sigma = fit.force_at(time, finger)
-        read = float(data.push[known[-20:], finger].mean())
+        force, sigma = fit.reading_at(time, finger)
+        read = float(data.push[known[-READ:], finger].mean())
         rows.append(
-            {'finger': finger + 1, 'time_s': time, 'force_n': force, 'sigma_n': sigma,
-             'read_n': read}
+            {'finger': finger + 1, 'time_s': time, 'force_n': force,
+             'sigma_n': float(np.hypot(sigma, noise)), 'read_n': read}
         )  # fmt: skip
     return rows
 
@@ -106,14 +113,14 @@ def _plot(path: Path, data: HeldPushes, fit: RelaxationFit, until: float | None)
     import matplotlib.pyplot as plt
 
     began, end = fit.levels[0].began, fit.levels[-1].last
-    times = began + np.geomspace(fit.law.reference, end - began, 200)
+    times = began + np.geomspace(fit.law.reference, end - began, 60)
     figure, axes = plt.subplots(figsize=(6.5, 4.5), dpi=140)
     for finger, colour in zip(
         range(data.push.shape[1]), ('#00457c', '#c05a00', '#4a7c00'), strict=False
     ):
         held = (data.time >= times[0]) & (data.time <= end)
         axes.plot(data.time[held] - began, data.push[held, finger], '.', ms=1.5, color=colour)
-        force, sigma = np.array([fit.force_at(time, finger) for time in times]).T
+        force, sigma = np.array([fit.reading_at(time, finger) for time in times]).T
         axes.plot(times - began, force, color=colour, label=f'finger {finger + 1}')
         band = NINETY * sigma
         axes.fill_between(times - began, force - band, force + band, alpha=0.25, color=colour)

@@ -16,14 +16,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from shell_deform.identify.force_curve import IdentificationError
+from shell_deform.identify.hold_regression import NINETY, Binned, Mixture, mixture, regression
 from shell_deform.theory.relaxation import Relaxation, RelaxationError, log_law
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 BINS_PER_DECADE = 8
 SHORTEST_HOLD_S = 5.0
@@ -31,13 +30,8 @@ STILL_M = 1e-4
 """Travel that stays within this of where it came to rest stands still."""
 SETTLING = 3.0
 """A level counts from so many durations of the step to it on."""
-PASSES = 12
-IGNORANCE = 0.3
-"""Sigma of the share a decade before anything is known."""
-FREE_DRIFT_N = 100.0
 SEPARABLE = 0.25
 SMALL_SHARE = 0.005
-NINETY = 1.6448536269514722
 COUNT_N = 0.2
 """A count of the 8-bit gauge at 50 mm [N]."""
 DRIFT_N = 0.02
@@ -107,8 +101,7 @@ class RelaxationFit:
     sigma_free: float
     reduced_chi_square: float
     statement: tuple[str, ...]
-    _values: Array
-    _covariance: Array
+    _mixture: Mixture
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -119,16 +112,13 @@ class RelaxationFit:
     def force_at(self, time: float, finger: int = 0) -> tuple[float, float]:
         """Push of a finger at `time` [s] if its travel stays, and its sigma [N].
 
-        Beyond the range that was seen the law is taken to go on.
+        Beyond the range that was seen the law goes on, its slope as steady as it was.
         """
-        rows = _design(np.array([time]), self.levels, self.law.reference)[0]
-        count = len(self.levels)
-        own = slice(1 + finger * count, 1 + (finger + 1) * count)
-        rate, step = self._values[0], self._values[own]
-        by = np.zeros(len(self._values))
-        by[0], by[own] = -rows @ step, 1.0 - rate * rows
-        by[own] *= np.array([time >= level.began for level in self.levels])
-        return float(by[own] @ step), float(np.sqrt(by @ self._covariance @ by))
+        return self._mixture.told(lambda part: part.push(time, finger, read=False))
+
+    def reading_at(self, time: float, finger: int = 0) -> tuple[float, float]:
+        """The same as its gauge will say, whose zero has walked on by then; without its noise."""
+        return self._mixture.told(lambda part: part.push(time, finger, read=True))
 
 
 def fit_relaxation(data: HeldPushes, until: float = np.inf) -> RelaxationFit:
@@ -140,12 +130,14 @@ def fit_relaxation(data: HeldPushes, until: float = np.inf) -> RelaxationFit:
             f'the travel never stands still for {SHORTEST_HOLD_S:g} s; hold the grasp for minutes'
         )
     reference = max(min(level.first - level.began for level in levels), 1e-3)
-    parts = [_binned(data, levels, finger, until) for finger in range(data.push.shape[1])]
-    values, covariance, chi, freedom = _solved(data, parts, levels, reference, free=False)
-    sigma_free = float(np.sqrt(_solved(data, parts, levels, reference, free=True)[1][0, 0]))
-    rate, sigma = float(values[0]), float(np.sqrt(covariance[0, 0]))
+    bins = _binned(data, levels, until, reference)
+    steady = regression(bins)
+    sigma_free = float(np.sqrt(regression(bins, free=True).covariance[0, 0]))
+    last = float(bins.time.max()) - levels[0].began
+    mixed = mixture(bins, steady)
+    decades = float(np.log10(last / reference))
+    rate, sigma = mixed.told(lambda part: part.share(decades))
     separable = sigma_free < max(SEPARABLE * abs(rate), SMALL_SHARE)
-    last = max(float(time[-1]) for time, _, _ in parts) - levels[0].began
     force = np.array([_mean_force(data, level, until) for level in levels])
     if rate < -2.0 * sigma:
         raise IdentificationError(
@@ -156,9 +148,10 @@ def fit_relaxation(data: HeldPushes, until: float = np.inf) -> RelaxationFit:
         law = log_law(max(rate, 0.0), reference, last, reference, sigma)
     except RelaxationError as error:
         raise IdentificationError(f'the pushes follow no relaxation: {error}') from error
+    freedom = max(len(bins.time) - len(steady.values), 1)
     return RelaxationFit(
-        law, levels, force, separable, sigma_free, chi / max(freedom, 1),
-        _statement(data, law, force, separable, sigma_free), values, covariance,
+        law, levels, force, separable, sigma_free, steady.chi / freedom,
+        _statement(data, law, force, separable, sigma_free), mixed,
     )  # fmt: skip
 
 
@@ -202,86 +195,28 @@ def _mean_force(data: HeldPushes, level: Level, until: float) -> float:
     return float(np.nanmean(data.push[inside]))
 
 
-def _binned(
-    data: HeldPushes, levels: tuple[Level, ...], finger: int, until: float
-) -> tuple[Array, Array, Array]:
-    """Times, means and counts of a finger's pushes over bins even in log time on each level."""
-    rows = []
-    for level in levels:
-        inside = (data.time >= level.first) & (data.time <= min(level.last, until))
-        inside &= np.isfinite(data.push[:, finger])
-        time, push = data.time[inside], data.push[inside, finger]
-        place = np.floor(BINS_PER_DECADE * np.log10(np.maximum(time - level.began, 1e-9)))
-        for number in np.unique(place):
-            own = place == number
-            since = np.exp(np.mean(np.log(time[own] - level.began)))
-            rows.append((level.began + since, float(push[own].mean()), float(own.sum())))
-    if len(rows) < 3:
-        raise IdentificationError(
-            f'finger {finger + 1} says too little while the travel stands still'
-        )
-    time, push, count = np.array(rows).T
-    return time, push, count
-
-
-def _design(time: Array, levels: tuple[Level, ...], reference: float) -> Array:
-    """(b, j) decades since each level began; 0 before."""
+def _binned(data: HeldPushes, levels: tuple[Level, ...], until: float, reference: float) -> Binned:
+    """Means of the fingers' pushes over bins even in log time on each level."""
+    rows: list[tuple[float, float, float, int]] = []
+    for finger in range(data.push.shape[1]):
+        before = len(rows)
+        for level in levels:
+            inside = (data.time >= level.first) & (data.time <= min(level.last, until))
+            inside &= np.isfinite(data.push[:, finger])
+            time, push = data.time[inside], data.push[inside, finger]
+            place = np.floor(BINS_PER_DECADE * np.log10(np.maximum(time - level.began, 1e-9)))
+            for number in np.unique(place):
+                own = place == number
+                since = np.exp(np.mean(np.log(time[own] - level.began)))
+                spread = (data.noise**2 + data.quantum**2 / 12.0) / own.sum() + data.stuck**2
+                rows.append((level.began + since, float(push[own].mean()), float(spread), finger))
+        if len(rows) < before + 3:
+            raise IdentificationError(
+                f'finger {finger + 1} says too little while the travel stands still'
+            )
+    time, push, spread, finger = np.array(rows).T
     began = np.array([level.began for level in levels])
-    since = time[:, None] - began
-    return np.where(since > 0.0, np.log10(np.maximum(since, 1e-9) / reference), 0.0)
-
-
-def _solved(
-    data: HeldPushes,
-    parts: list[tuple[Array, Array, Array]],
-    levels: tuple[Level, ...],
-    reference: float,
-    free: bool,
-) -> tuple[Array, Array, float, int]:
-    """Values [r, steps of finger 1, …] with covariance, chi-square and degrees of freedom.
-
-    `free`: with a drift of each gauge as log of time and one even in time, of unknown strength.
-    """
-    count, fingers = len(levels), len(parts)
-    extra = 2 * fingers if free else 0
-    size = 1 + count * fingers + extra
-    values = np.zeros(size)
-    began = np.array([level.began for level in levels])
-    for _ in range(PASSES):
-        normal, right, chi, freedom = np.zeros((size, size)), np.zeros(size), 0.0, -size + extra
-        normal[0, 0] = 1.0 / IGNORANCE**2
-        right[0] = -values[0] / IGNORANCE**2
-        for k in range(extra):
-            at = size - extra + k
-            normal[at, at] = 1.0 / FREE_DRIFT_N**2
-            right[at] = -values[at] / FREE_DRIFT_N**2
-        for finger, (time, push, samples) in enumerate(parts):
-            decades = _design(time, levels, reference)
-            present = (time[:, None] >= began).astype(float)
-            own = slice(1 + finger * count, 1 + (finger + 1) * count)
-            by = np.zeros((len(time), size))
-            by[:, 0] = -decades @ values[own]
-            by[:, own] = present - values[0] * decades
-            modelled = by[:, own] @ values[own]
-            if free:
-                at = size - extra + 2 * finger
-                by[:, at] = np.log10((time - began[0]) / reference)
-                by[:, at + 1] = (time - began[0]) / (time[-1] - began[0])
-                modelled = modelled + by[:, at : at + 2] @ values[at : at + 2]
-            spread = (data.noise**2 + data.quantum**2 / 12.0) / samples + data.stuck**2
-            walk = data.drift**2 / 60.0 * np.minimum(time[:, None], time)
-            root = np.linalg.cholesky(np.diag(spread) + walk)
-            both = np.column_stack([by, push - modelled])
-            white = scipy.linalg.solve_triangular(root, both, lower=True)
-            normal += white[:, :-1].T @ white[:, :-1]
-            right += white[:, :-1].T @ white[:, -1]
-            chi += float(white[:, -1] @ white[:, -1])
-            freedom += len(time)
-        step = np.linalg.solve(normal, right)
-        values = values + step
-        if np.abs(step).max() < 1e-10 * np.abs(values).max():
-            break
-    return values, np.asarray(np.linalg.inv(normal), float), chi, freedom
+    return Binned(time, push, spread, finger.astype(np.int64), began, reference, data.drift)
 
 
 def _statement(
@@ -299,6 +234,6 @@ def _statement(
     levels = 'one force level' if len(force) == 1 else f'levels too near each other ({said} N)'
     return (
         f'{levels}: gauge drift and relaxation cannot be told apart; a drift of {lost:.2g} N a '
-        f'decade looks the same. Sigma holds if gauges drift no more than {data.drift:.2g} N in '
-        'a root minute; hold at a second force to know',
+        f'decade looks the same. Sigma takes gauges that drift half to twice {data.drift:.2g} N '
+        'in a root minute; hold at a second force to know',
     )

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from shell_deform.assemble.discretisation import Discretisation, discretise
-from shell_deform.assemble.thick import thick_shell
+from shell_deform.assemble.thick import folded_place, thick_shell
+from shell_deform.compiled.cache import HAVE_NUMBA
 from shell_deform.contact.bodies import BodyError
 from shell_deform.contact.body_file import FingerBody, load_body
 from shell_deform.contact.cell_load import CellShape, cell_shares, shaped_by_cells
@@ -93,7 +94,8 @@ def build_model(
 def fitting_theory(shell_object: ShellObject, model: ShellModel) -> tuple[str, str]:
     """What theory `auto` stands for and a sentence why: thick where a thin wall is too stiff.
 
-    That is where `excess_stiffness` is above 2 % and only pins press.
+    That is where `excess_stiffness` is above 2 %, only pins press, numba is at hand, and no point
+    of the wall reaches its centre of curvature.
     """
     ratio = wall_ratio(model)
     excess = excess_stiffness(ratio)
@@ -105,6 +107,11 @@ def fitting_theory(shell_object: ShellObject, model: ShellModel) -> tuple[str, s
         return KOITER, measured
     if shell_object.grips or any(contact.kind != 'pin' for contact in shell_object.contacts):
         return KOITER, f'{measured}, but more than pins press on it'
+    if not HAVE_NUMBA:
+        return KOITER, f'{measured}, but a thick one needs numba, which is not installed'
+    if (place := folded_place(model.shell)) is not None:
+        at = np.round(1e3 * place, 2).tolist()
+        return KOITER, f'{measured}, but at {at} mm it reaches its centre of curvature'
     return THICK, measured
 
 

@@ -150,6 +150,13 @@ class ShellModel:
         shell = self.shell.with_stamps(pins, bodies)
         return self if shell is self.shell else replace(self, shell=shell)
 
+    def of(self, shell: Discretisation | None) -> ShellModel:
+        """This model with the discretisation that a state is of; None for its own.
+
+        A solver goes on to other pins and more shear; the states before stay what they are.
+        """
+        return self if shell is None or shell is self.shell else replace(self, shell=shell)
+
     def widened(self, depth: Array) -> ShellModel:
         """This model, with a thick wall that shears as far as depths (k,) [m] of contacts need."""
         if not isinstance(self.shell, ThickShell):

@@ -14,7 +14,13 @@ from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.crossing import crossing
 from shell_deform.theory import THEORIES
 from shell_deform.theory.material import Material
-from shell_deform.theory.thin_wall import thick_wall_warning, thickness_over_radius
+from shell_deform.theory.thin_wall import (
+    THICKEST,
+    WORTH_A_WARNING,
+    thick_wall_error,
+    thick_wall_warning,
+    thickness_over_radius,
+)
 
 Array = NDArray[np.float64]
 
@@ -214,10 +220,20 @@ def wall_ratio(model: ShellModel) -> float:
 
 
 def thickness_warning(model: ShellModel) -> str | None:
-    """A sentence when the wall is too thick for a thin-shell theory of the model, else None."""
-    if isinstance(model.shell, ThickShell):
+    """A sentence when the wall is too thick for the theory of the model, else None."""
+    ratio = wall_ratio(model)
+    if not isinstance(model.shell, ThickShell):
+        return thick_wall_warning(ratio)
+    error = thick_wall_error(ratio)
+    if error <= WORTH_A_WARNING:
         return None
-    return thick_wall_warning(wall_ratio(model))
+    if ratio > THICKEST:
+        known = 'no solid was compared with a wall like that'
+    else:
+        known = f'beside solids its force is up to {100.0 * error:.0f} % off'
+    return (
+        f'the wall is {ratio:.2g} of the radius of curvature, thick for theory thick, too: {known}'
+    )
 
 
 def mesh_warning(mesh: ControlMesh) -> str | None:

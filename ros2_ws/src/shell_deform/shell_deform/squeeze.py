@@ -91,6 +91,11 @@ class Squeezed:
     state: Equilibrium
 
     @property
+    def model(self) -> ShellModel:
+        """The model of which this is an equilibrium: a thick wall carries its pins."""
+        return self.shell.model.of(self.state.shell)
+
+    @property
     def contact_force(self) -> Array:
         """(k,) push of each contact along its inward axis [N]."""
         return self.state.force
@@ -113,7 +118,7 @@ class Squeezed:
     @cached_property
     def outer_points(self) -> Array:
         """(n, 3) deformed points of the outer face [m], over `points`."""
-        return self.shell.solved_model.shell.outer_face(self.state.unknowns)
+        return self.model.shell.outer_face(self.state.unknowns)
 
     @property
     def faces(self) -> NDArray[np.int64]:
@@ -149,7 +154,7 @@ class Squeezed:
     def readout(self) -> Readout:
         """Strains, stresses and energy density at the quadrature points."""
         limit = self.shell.description.yield_stress_pa
-        return read_out(self.shell.solved_model, self.state.unknowns, limit)
+        return read_out(self.model, self.state.unknowns, limit)
 
     @property
     def stresses(self) -> Stresses:
@@ -159,7 +164,7 @@ class Squeezed:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences on what the numbers are not good for."""
-        return warnings_of(self.shell.solved_model, self.state, self.readout)
+        return warnings_of(self.model, self.state, self.readout)
 
     def figure(self) -> Figure:
         """A matplotlib figure of the surface coloured by displacement."""
@@ -233,11 +238,6 @@ class Shell:
 
     def __repr__(self) -> str:
         return f'<Shell {self}>'
-
-    @property
-    def solved_model(self) -> ShellModel:
-        """The model on which the squeezed states are equilibria: a thick wall carries its pins."""
-        return self._solver.model
 
     @property
     def name(self) -> str:

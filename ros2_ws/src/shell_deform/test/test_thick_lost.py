@@ -6,10 +6,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import shell_deform
 from shell_deform.assemble.stamps import WallError
 from shell_deform.assemble.thick import thick_shell
 from shell_deform.building import build_model, object_contacts, with_material
-from shell_deform.objects import load_object
+from shell_deform.objects import ShellObject, load_object
+from shell_deform.objects.shell_object import Contact, Ellipsoid
 from shell_deform.solve.equilibrium import displaced
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.theory.material import Material
@@ -45,6 +47,37 @@ def test_a_wall_turned_inside_out_says_where(shell):
     place = shell.lost_place(state)
     assert place is not None
     assert np.linalg.norm(place - shell.mesh.vertices[0]) < 0.03
+
+
+@pytest.mark.parametrize(
+    ('wall', 'told'),
+    [(4.5e-3, 'beside solids its force is up to'), (0.02, 'no solid was compared with a wall')],
+)
+def test_a_wall_that_is_thick_for_theory_thick_too_is_told(wall, told):
+    ball = shell_deform.load('tennis_ball', thickness=wall, gas='none', control_vertices=100)
+    assert ball.model.theory == 'thick'
+    squeezed = ball.squeeze(displacement=1e-4)
+    assert any(told in sentence for sentence in squeezed.warnings)
+
+
+def test_a_lens_with_a_rim_sharper_than_its_wall_is_thin_and_says_why():
+    lens = ShellObject(
+        'lens', Ellipsoid((0.065, 0.065, 0.012)), 4e-3, 1e6, 0.49,
+        contacts=tuple(Contact((0.0, 0.0, z), 1e-3, 'pin') for z in (0.006, -0.006)),
+    )  # fmt: skip
+    model = build_model(lens, 'auto', control_vertices=120)
+    assert model.theory == 'koiter'
+    assert 'it reaches its centre of curvature' in model.reason
+
+
+def test_states_of_a_sweep_can_be_read_out_after_it_has_gone_on():
+    """Beyond four walls the shear reaches further: another discretisation, not of these states."""
+    ball = shell_deform.load('tennis_ball', theory='thick', control_vertices=100)
+    first, last = ball.sweep(displacement=[1e-3, 11e-3])
+    assert len(first.state.unknowns) < len(last.state.unknowns)
+    for state in (first, last):
+        assert np.isfinite(state.outer_points).all()
+        assert np.isfinite(state.stresses.von_mises).all()
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))

@@ -89,7 +89,10 @@ def element_unknowns(
     element_of = np.searchsorted(shell.point_offsets, pressed.point, side='right') - 1
     for element, k in zip(element_of.tolist(), pressed.stamp.tolist(), strict=True):
         if pin_of[element] not in (-1, k):
-            raise WallError('two pins press on one triangle of the mesh: refine it there')
+            raise WallError(
+                'two pins press on one triangle of the mesh: let them stand further apart, take '
+                'more control vertices, or theory koiter'
+            )
         pin_of[element] = k
     nodes, counts, shears = [], [], np.zeros(len(pin_of), dtype=np.int64)
     for e in range(len(pin_of)):

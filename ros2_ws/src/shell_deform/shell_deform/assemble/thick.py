@@ -66,6 +66,11 @@ by this share of h P / E: force and travel of the mission's ball by 0.7 % at 0.2
 3.6 mm on."""
 
 
+FOLDED = 0.95
+"""A wall is refused where more of its points than all but this share reach their centre of
+curvature: single ones beside irregular vertices are sharper than the surface."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ThickShell(Discretisation):
     """See the module docstring; n control points, m shear nodes, k stamps.
@@ -490,12 +495,26 @@ def _alike(some: Sequence[Stamp], others: Sequence[Stamp]) -> bool:
     return len(some) == len(others) and all(a.like(b) for a, b in zip(some, others, strict=True))
 
 
-def _refuse_folded(shell: Discretisation, points: Array) -> None:
+def folded_place(shell: Discretisation) -> Array | None:
+    """Where (3,) [m] a wall reaches furthest beyond its centre of curvature, if it does.
+
+    None, too, where more than single points do: such a wall is refused as a whole.
+    """
+    ratio, _ = _half_walls(shell)
+    if ratio.max() < 1.0 or np.quantile(ratio, FOLDED) >= 1.0:
+        return None
+    return np.asarray((shell.value_matrix() @ shell.mesh.vertices)[int(np.argmax(ratio))])
+
+
+def _half_walls(shell: Discretisation) -> tuple[Array, Array]:
+    """(p,) half the wall over the smaller radius of curvature, and its largest curvature."""
     largest = sharpest_curvature(*shell.reference.mean_and_gauss)
-    ratio = 0.5 * shell.thickness * largest
-    # Single points beside irregular vertices are sharper than the surface.
-    worst = float(np.quantile(ratio, 0.95))
-    if worst >= 1.0:
+    return 0.5 * shell.thickness * largest, largest
+
+
+def _refuse_folded(shell: Discretisation, points: Array) -> None:
+    ratio, largest = _half_walls(shell)
+    if float(np.quantile(ratio, FOLDED)) >= 1.0:
         point = int(np.argmax(ratio))
         place = points[point]
         raise WallError(

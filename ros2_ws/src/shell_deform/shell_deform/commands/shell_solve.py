@@ -75,7 +75,7 @@ def _solve(options: argparse.Namespace) -> None:
     else:
         state, results, ended, held = _gripped(sweep, shell_object, solver, options.hold)
     cpu = time.process_time() - loaded
-    model = solver.model
+    model = solver.model.of(state.shell)
     readout = read_out(model, state.unknowns, shell_object.yield_stress_pa)
     slip = sweep and sweep.slip_warning([(solved.depth, solved.state) for solved in results])
     for warning in [*warnings_of(model, state, readout), *([slip] if slip else [])]:

@@ -131,7 +131,7 @@ class StepSystem:
             0,
             0,
         )
-        return self.met(rest)
+        return replace(self.met(rest), shell=self.model.shell)
 
     def respond(self, state: Equilibrium, bordering: Borders, loads: Array) -> Array:
         """Displacements (N, k) per unit of the loads (N, k), by the tangent at `state`."""

@@ -20,6 +20,9 @@ EXCESS = 1.5
 THICK_ERROR, THICK_ERROR_AT = 0.025, 12.5
 """Relative error of the force of a thick wall at this R/h, against solids."""
 
+THICKEST = 1.0 / 6.0
+"""Thickness over radius of the thickest wall that was compared with solids."""
+
 WORTH_A_WARNING = 0.05
 
 WORTH_A_THICK_WALL = 0.02

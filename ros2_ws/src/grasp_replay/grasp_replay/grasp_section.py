@@ -26,7 +26,7 @@ def grasp_sections(rows: Sequence[Mapping[str, Any]]) -> list[Section]:
     known = [row for row in rows if row.get('grasp') and 'failed' not in row['grasp']]
     if not known:
         return []
-    known.sort(key=lambda row: float(row['force_n']))
+    known = with_nearest_limits(sorted(known, key=lambda row: float(row['force_n'])))
     head = ''.join(
         f'<th>{text}</th>'
         for text in (
@@ -39,7 +39,8 @@ def grasp_sections(rows: Sequence[Mapping[str, Any]]) -> list[Section]:
         'with one sigma, over the mean push of the fingers; dotted: the friction that the table '
         'is for. Below it the grasp is closed.</figcaption></figure>'
         '<figure>{bars}<figcaption>Squeeze window of each row: from the least push that lifts '
-        'the object to the first limit of the wall; the mark is the push of the row.'
+        'the object to the first limit of the wall, which rows beyond it take from the last one '
+        'that keeps it; the mark is the push of the row.'
         '</figcaption></figure>'
         '<div class="wide"><table id="grasp-rows"><thead><tr>{head}</tr></thead>'
         '<tbody>{cells}</tbody></table></div><p class="note">{note}.</p>'
@@ -52,6 +53,29 @@ def grasp_sections(rows: Sequence[Mapping[str, Any]]) -> list[Section]:
         note=str(known[0]['grasp']['note']).capitalize(),
     )
     return [Section('grasp', 'Does the grasp hold', body)]
+
+
+def with_nearest_limits(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Rows (by their push) whose windows end where the nearest row within the limits says.
+
+    A row tells its limit in proportion to its push. Stress and strain under a finger grow faster
+    than the push, so the row before the limit is nearer to the truth than one far beyond it.
+    """
+    told: list[Mapping[str, Any]] = []
+    kept: Mapping[str, Any] | None = None
+    for row in rows:
+        grasp = row['grasp']
+        if _push(grasp) <= grasp['most_push_n']:
+            kept = grasp
+        elif kept is not None and len(kept['fingers']) == len(grasp['fingers']):
+            nearest = {name: kept[name] for name in ('most_push_n', 'limit')}
+            if kept['most_push_n'] > _push(grasp):
+                # That row did not see it coming: it lies between the two.
+                nearest = {'most_push_n': _push(kept), 'limit': grasp['limit']}
+            told.append({**row, 'grasp': {**grasp, **nearest}})
+            continue
+        told.append(row)
+    return told
 
 
 def _theories(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -12,7 +12,12 @@ import pytest
 
 from grasp_replay.experiment import Experiment
 from grasp_replay.grasp_rows import grasp_document
-from grasp_replay.grasp_section import grasp_sections, needed_friction, windows
+from grasp_replay.grasp_section import (
+    grasp_sections,
+    needed_friction,
+    windows,
+    with_nearest_limits,
+)
 from grasp_replay.holds import HeldContacts
 from grasp_replay.theories import theory_set
 
@@ -52,6 +57,19 @@ def test_a_bar_ends_at_its_limit_or_at_the_end_of_the_scale() -> None:
     assert top == pytest.approx(1.25 * 30.0)
     ends = [bar.get_x() + bar.get_width() for bar in axes.patches]
     assert ends == pytest.approx([top, top, 30.0])
+
+
+def test_a_row_beyond_a_limit_takes_it_from_the_last_row_that_keeps_it() -> None:
+    soft, deep = (
+        row(f, 0.3, limit='strain', most_push_n=m) for f, m in ((10.0, 11.5), (20.0, 5.0))
+    )
+    told = with_nearest_limits([soft, deep, row(30.0, 0.3, limit='yield', most_push_n=4.0)])
+    assert [one['grasp']['most_push_n'] for one in told] == [11.5, 11.5, 11.5]
+    assert told[2]['grasp']['limit'] == 'strain'
+    # Nobody saw it coming, or nobody keeps it.
+    far = row(10.0, 0.3, limit='strain', most_push_n=50.0)
+    assert with_nearest_limits([far, deep])[1]['grasp']['most_push_n'] == 10.5
+    assert with_nearest_limits([deep])[0] is deep
 
 
 def test_the_section_tells_what_is_closed_and_why_another_is_not() -> None:

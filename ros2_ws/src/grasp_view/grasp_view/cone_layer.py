@@ -46,5 +46,6 @@ class ConeLayer:
                 '/cones',
                 segments,
                 colors=UNKNOWN if grasp is None else colour_of(grasp.probability),
-                thickness=0.004,
+                thickness=1.6,
+                thickness_units='screen',
             )

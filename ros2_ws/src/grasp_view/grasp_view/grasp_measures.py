@@ -94,6 +94,8 @@ def _window_words(grasp: GraspMeasures) -> str:
     if grasp.mass < 0.0:
         return f'{lifts}; a mass below zero has no window'
     most = f'at most {grasp.most:.1f} N' if grasp.most < UNLIMITED_N else 'no known limit above'
+    if not grasp.mass > 0.0:
+        return f'{lifts}; {most}'
     if not grasp.least < UNLIMITED_N:
         return f'{lifts}; no squeeze lifts {_mass(grasp.mass)}; {most}'
     return f'{lifts}; window for {_mass(grasp.mass)}: from {grasp.least:.1f} N, {most}'
@@ -129,7 +131,8 @@ def window_svg(grasp: GraspMeasures) -> str:
     begin, end = at(grasp.least), at(grasp.most)
     bar = ''
     if grasp.least <= grasp.most and grasp.least < UNLIMITED_N:
-        bar = f'<rect class="window" x="{begin:.1f}" y="8" width="{end - begin:.1f}" height="10"/>'
+        kind = 'window' if grasp.closed else 'window open'
+        bar = f'<rect class="{kind}" x="{begin:.1f}" y="8" width="{end - begin:.1f}" height="10"/>'
     x = at(grasp.push)
     return (
         f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" aria-label="squeeze window">'

@@ -137,6 +137,10 @@ class Page:
             self._answer = gui.add_html('')
         self._live.on_update(lambda _: self._look_back())
 
+    def show_cones(self) -> None:
+        """Draw the friction cones from the start."""
+        self._cones.value = True  # type: ignore[misc]
+
     def _caller(self, name: str) -> Callable[[object], None]:
         return lambda _: self._command(name)
 

@@ -263,9 +263,10 @@ def touches(snapshot: Snapshot) -> list[Touch]:
 
 
 def friction_cones(snapshot: Snapshot, coefficient: float, length: float) -> Floats:
-    """Line segments (s, 2, 3) m: the friction cone of each touching contact, along its normal.
+    """Line segments (s, 2, 3) m: the friction cone of each touching contact, about its normal.
 
-    On the deformed shape with the friction that its grasp was given, once that is known.
+    Outside, where the finger is that pushes from within it. On the deformed shape with the
+    friction that its grasp was given, once that is known.
     """
     contacts, grasp = snapshot.contacts, snapshot.grasp
     if grasp is not None and grasp.deformed:
@@ -286,7 +287,7 @@ def friction_cones(snapshot: Snapshot, coefficient: float, length: float) -> Flo
         first = np.cross(axis, helper)
         first /= np.linalg.norm(first)
         ring = np.outer(np.cos(angles), first) + np.outer(np.sin(angles), np.cross(axis, first))
-        rim = points[k] + length * (axis + coefficient * ring)
+        rim = points[k] - length * (axis + coefficient * ring)
         segments.append(np.stack([np.broadcast_to(points[k], rim.shape), rim], axis=1))
         segments.append(np.stack([rim, np.roll(rim, -1, axis=0)], axis=1))
     return np.concatenate(segments) if segments else np.zeros((0, 2, 3))

@@ -89,6 +89,7 @@ class WhatIf:
         self._objects = known_objects(chosen)
         name = chosen if chosen in self._objects else list(self._objects)[-1]
         self._panel = WhatIfPanel(page.server, self._objects, name)
+        page.show_cones()
         self._written = 0
         self._clock = node.get_clock()
         self._mesh: Mesh | None = None
@@ -137,7 +138,8 @@ class WhatIf:
     def _write(self, wish: Wish) -> Path:
         """The wished object as a file of a new name, so that the solver sees a change."""
         self._written += 1
-        path = Path(self._folder) / f'{wish.object_name}_{self._written}.yaml'
+        path = Path(self._folder) / str(self._written) / f'{wish.object_name}.yaml'
+        path.parent.mkdir()
         variant = object_variant(
             self._objects[wish.object_name], wish.young_modulus_pa, wish.gauge_pressure_pa
         )

@@ -81,6 +81,7 @@ def test_the_bar_spans_the_window_and_the_mark_is_the_squeeze(grasp: GraspMeasur
     begin, width = 6.0 + 288.0 * 3.0 / 22.5, 288.0 * 15.0 / 22.5
     assert f'class="window" x="{begin:.1f}" y="8" width="{width:.1f}"' in told
     assert f'M{6.0 + 288.0 * 12.0 / 22.5:.1f} 4V22' in told
+    assert 'class="window open"' in window_svg(replace(grasp, closed=False))
 
 
 @pytest.mark.parametrize(
@@ -91,6 +92,7 @@ def test_the_bar_spans_the_window_and_the_mark_is_the_squeeze(grasp: GraspMeasur
         ({'least': 20.0}, 'from 20.0 N, at most 18.0 N', False),
         ({'mass': -1.0, 'least': 1e9, 'most': 0.0}, 'a mass below zero', False),
         ({'push': 0.0}, 'squeeze 0.0 N', True),
+        ({'mass': 0.0, 'least': 0.0}, 'lifts 900 g; at most 18.0 N', True),
     ],
 )
 def test_a_window_that_is_none_draws_no_bar(
@@ -114,7 +116,7 @@ def test_cones_stand_on_the_deformed_normals_and_take_the_colour_of_their_chance
     assert len(segments) == 2 * 32
     rim = segments[0, 1] - segments[0, 0]
     assert segments[0, 0] == pytest.approx([0.03, 0.0, 0.0])
-    assert rim[0] == pytest.approx(-0.02)
+    assert rim[0] == pytest.approx(0.02)
     assert np.hypot(*rim[1:]) == pytest.approx(0.5 * 0.02)
     assert colour_of(1.0) == rgb(LIGHT.good)
     assert colour_of(0.0) == rgb(LIGHT.bad)

@@ -136,10 +136,10 @@ def test_a_contact_with_nan_is_left_out() -> None:
     assert touches(Snapshot(contacts=broken)) == []
 
 
-def test_a_friction_cone_opens_by_its_coefficient() -> None:
+def test_a_friction_cone_opens_outward_by_its_coefficient() -> None:
     segments = friction_cones(Snapshot(contacts=contacts()), 0.5, 0.02)
     rim = segments[:16, 1] - np.array([RADIUS, 0, 0])
-    assert np.allclose(rim[:, 0], -0.02)
+    assert np.allclose(rim[:, 0], 0.02)
     assert np.allclose(np.linalg.norm(rim[:, 1:], axis=1), 0.01)
     assert len(friction_cones(Snapshot(contacts=contacts(flags=0)), 0.5, 0.02)) == 0
 

@@ -199,7 +199,7 @@ def test_a_finger_that_starts_inside_is_refused_and_the_last_state_stays(tips):
 def test_fingertips_in_one_place_are_answered_and_hold_nothing(tips):
     pairs = [
         replace(sample.rows(np.array([0, 0])), finger=np.array([1, 2]))
-        for sample in growing(6e-4, 4)
+        for sample in growing(3e-4, 2)
     ]
     followed(tips, pairs)
     tick = GraspTick()

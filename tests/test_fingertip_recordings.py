@@ -81,6 +81,42 @@ def test_a_shell_between_the_fingers_feels_what_the_solid_does() -> None:
     assert slipped == pytest.approx(torque, rel=0.15)
 
 
+def squeezed(depth: float, turn: float, theory: str = 'koiter', **mesh: float):
+    """The recorded ball between its fingers, and what the first one touches."""
+    ball = load_object(str(BAG / 'object.yaml'))
+    model = build_model(ball, theory, **mesh)
+    contacts = object_contacts(ball, model)
+    solver = EquilibriumSolver(model)
+    state = solver.solve(displaced(contacts, [depth] * 2))
+    if turn:
+        motion = np.zeros((2, 6))
+        motion[:, 3] = turn * np.array([1.0, -1.0])
+        state = solver.solve(replace(displaced(contacts, [depth] * 2), motion=motion), state)
+    assert state.converged
+    return state, state.touches[0]
+
+
+def test_each_cell_feels_the_same_on_a_mesh_of_twice_the_vertices_half_as_large() -> None:
+    cells = body('barrett_fingertip').cells
+    felt = []
+    for mesh in ({'control_vertices': 300}, {'control_vertices': 600, 'refine_radius': 1.1e-3}):
+        _, touch = squeezed(1.2e-3, 0.0, **mesh)
+        felt.append(-cell_forces(touch, cells)[:, 2])
+        np.testing.assert_allclose(felt[-1].sum(), np.linalg.norm(touch.force), rtol=1e-9)
+    pressed = felt[1] > 0.02 * felt[1].sum()
+    assert pressed.sum() == 3
+    np.testing.assert_allclose(felt[0][pressed], felt[1][pressed], rtol=0.03)
+    assert np.abs(felt[0] - felt[1]).max() < 0.03 * felt[1].sum()
+
+
+def test_a_wall_that_shears_carries_the_tip_as_the_solid_does() -> None:
+    kept = yaml.safe_load((BAG / 'truth.yaml').read_text())['states'][-1]
+    state, touch = squeezed(kept['depth_m'], kept['turn_rad'], 'thick', control_vertices=300)
+    assert state.force[0] == pytest.approx(-kept['force_n'][0], rel=0.02)
+    torque = touch.moment(touch.pose.origin)[0]
+    assert torque == pytest.approx(kept['torque_nm'][0], rel=0.06)
+
+
 def test_the_solid_holds_what_turns_until_friction_is_used_up() -> None:
     states = json.loads((ROOT / 'solid/ball_fingertips.json').read_text())['states']
     torque = np.array([state['torque_nm'][0] for state in states])

@@ -18,18 +18,37 @@ from shell_deform.contact.contact_field import Touch
 Array = NDArray[np.float64]
 
 
+PARTS = 4
+"""A pressed point stands for a square that is cut into so many parts squared."""
+
+
+def cell_shares(touch: Touch, centres: Array) -> Array:
+    """(c, p) how much of each pressed point lies on each cell of a body; columns sum to 1.
+
+    `centres` (c, 3): of the cells in the body's frame [m]. A point stands for a square of its own
+    area along the pad, each part of which loads the cell nearest to it: the cells together carry
+    the whole force, and none of it jumps from cell to cell where a point passes between them.
+    """
+    count = len(touch.weights)
+    if not count:
+        return np.zeros((len(centres), 0))
+    side = (np.arange(PARTS) + 0.5) / PARTS - 0.5
+    x, y = (grid.ravel() for grid in np.meshgrid(side, side))
+    within = np.sqrt(touch.weights)[:, None, None] * np.column_stack([x, y, np.zeros_like(x)])
+    places = touch.pose.inside(touch.face.position)[:, None] + within
+    cell = cKDTree(centres).query(places.reshape(-1, 3))[1]
+    flat = cell * count + np.repeat(np.arange(count), len(x))
+    return np.bincount(flat, minlength=len(centres) * count).reshape(-1, count) / len(x)
+
+
 def cell_forces(touch: Touch, centres: Array) -> Array:
     """(c, 3) forces of the shell on the cells of a body [N], in the body's frame.
 
-    `centres` (c, 3): of the cells in that frame [m]; each pressed point loads the cell nearest to
-    it, so that the cells together carry the whole force of the contact.
+    `centres` (c, 3): of the cells in that frame [m]; see `cell_shares`.
     """
-    result = np.zeros((len(centres), 3))
-    if len(touch.pressure):
-        places = touch.pose.inside(touch.face.position)
-        cell = cKDTree(centres).query(places)[1]
-        np.add.at(result, cell, -touch.forces @ touch.pose.turn)
-    return result
+    if not len(centres):
+        return np.zeros((0, 3))
+    return np.asarray(cell_shares(touch, centres) @ (-touch.forces @ touch.pose.turn))
 
 
 @dataclass(frozen=True)

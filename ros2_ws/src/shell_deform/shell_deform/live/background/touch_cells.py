@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from shell_deform.contact.contact_field import Touch
+from shell_deform.contact.taxels import cell_shares
 from shell_deform.live.background.fingers import Finger
 from shell_deform.live.exchange import MAX_TAXELS, TAXEL_FIELDS
 
@@ -34,12 +34,10 @@ def _rows(finger: Finger, touch: Touch) -> Array:
         if load.sum() > 0.0:
             centres = touch.pose.inside((load @ face / load.sum())[None])
     count = len(centres)
-    cell = np.zeros(len(face), dtype=np.int64)
-    if len(face) and not whole:
-        cell = cKDTree(centres).query(touch.pose.inside(face))[1]
+    shares = np.ones((1, len(face))) if whole else cell_shares(touch, centres)
 
     def summed(values: Array) -> Array:
-        return np.asarray(np.bincount(cell, values, count), dtype=float)
+        return np.asarray(shares @ values, dtype=float)
 
     area = summed(weights)
     touched = np.where(area > 0.0, area, 1.0)

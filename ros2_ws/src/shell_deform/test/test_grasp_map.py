@@ -24,9 +24,14 @@ from shell_deform.grasp.sampling import SamplingError, sample_grasp
 REQUEST = MapRequest('tennis_ball', number=10, mass=0.058, vertices=162)
 
 
+SHOWN = []
+
+
 @pytest.fixture(scope='module')
 def alone(tmp_path_factory):
-    return _files(REQUEST, tmp_path_factory.mktemp('alone'))
+    SHOWN.clear()
+    folder = tmp_path_factory.mktemp('alone')
+    return _files(REQUEST, folder, show=lambda share, text: SHOWN.append((share, text)))
 
 
 def _files(request, out, **options):
@@ -34,6 +39,13 @@ def _files(request, out, **options):
     place = workplace(request.object_name, request.vertices, request.theory)
     write_map(request, grasps, place, out)
     return {name: (out / name).read_bytes() for name in ('map.json', 'map.csv', 'map.html')}
+
+
+def test_progress_counts_up_to_every_grasp(alone):
+    assert alone
+    shares = [share for share, _text in SHOWN]
+    assert shares == sorted(shares) and shares[0] > 0.0
+    assert SHOWN[-1] == (1.0, f'{REQUEST.number} of {REQUEST.number} grasps')
 
 
 @pytest.mark.parametrize('processes', [2, 3])

@@ -23,6 +23,23 @@ def test_without_names_all_shipped_objects_are_shown(capsys):
         assert word in text
 
 
+def test_the_table_has_millimetres_megapascals_and_bar(capsys, tmp_path):
+    file = tmp_path / 'object.yaml'
+    file.write_text(
+        'name: core\n'
+        'surface: {sphere: {outer_diameter_m: 0.06}}\n'
+        'thickness_m: 0.0035\n'
+        'young_modulus_pa: 19.2e+6\npoisson_ratio: 0.49\n'
+        'gas: {kind: sealed, gauge_pressure_pa: 83.0e+3, ambient_pa: 101325.0}\n'
+        'contacts: [{at_m: [0.03, 0, 0], radius_m: 0.0025}]\n'
+    )
+    assert main([str(file)]) == 0
+    row = next(r for r in capsys.readouterr().out.splitlines() if r.split()[:1] == ['core'])
+    assert ' '.join(row.split()) == (
+        'core sphere: outer diameter 60 3.5 19.2 0.49 sealed, 0.83 bar gauge - pin r 2.5'
+    )
+
+
 def test_the_mesh_and_its_fit_are_shown_on_request(capsys):
     assert main(['--json', '--mesh-fit', 'tennis_ball']) == 0
     mesh = json.loads(capsys.readouterr().out)['objects'][0]['mesh']

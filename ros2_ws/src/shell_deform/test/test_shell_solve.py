@@ -96,6 +96,20 @@ def test_headings_keep_their_units_and_rest_is_plain_zero(capsys):
     assert '-0' not in told and 'e-' not in told
 
 
+def test_the_table_tells_millimetres_millijoules_and_kilopascals_of_what_json_tells_in_si(capsys):
+    command = ['--object', 'tennis_ball', '--theory', 'koiter', '--vertices', '200']
+    command += ['--displacement-sweep', '0:0.002:1']
+    assert shell_solve.main([*command, '--json']) == 0
+    point = json.loads(capsys.readouterr().out)['points'][-1]
+    assert shell_solve.main(command) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    depth, push, energy, gas = map(float, next(r for r in rows if r[:1] == ['2.0000'])[:4])
+    assert depth == pytest.approx(1e3 * point['displacement_m'])
+    assert push == pytest.approx(point['force_n'], rel=1e-4)
+    assert energy == pytest.approx(1e3 * point['energy_j'], rel=1e-4)
+    assert gas == pytest.approx(1e-3 * point['gas_pressure_pa'], rel=1e-3)
+
+
 def test_the_gas_of_a_ball_at_rest_is_a_plain_zero_on_a_coarse_mesh(capsys):
     # Its volume is that of the rounded mesh to some 1e-16.
     command = ['--object', 'tennis_ball', '--theory', 'koiter', '--vertices', '200']

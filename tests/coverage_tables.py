@@ -284,7 +284,7 @@ def main() -> int:
         '90 % level is 1.645 sigma. "Known" truths are drawn from the numbers that the estimators',
         'assume: they test the algebra. The others change a law that the estimators do not know.',
         '',
-        '| quantity | truth | draws | seeds from | within 90 % level | rms of error over sigma | |',
+        '| quantity | truth | draws | seeds from | within 90 % level | rms error over sigma | |',
         '|---|---|---|---|---|---|---|',
     ]
     for name in options.only:

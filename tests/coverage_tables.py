@@ -22,7 +22,7 @@ sys.path.insert(0, str(ROOT))
 from bags.drawn_squeezes import solid_ball, squeezes, thin_ball  # noqa: E402
 from bags.live_bias import Wall  # noqa: E402
 from bags.scanner import MISFITS as SCANNERS  # noqa: E402
-from dent_depth import scanned_again  # noqa: E402
+from dent_depth import of_pipeline, scanned_again  # noqa: E402
 from scan_shells import occlude, odd_body, scan_points  # noqa: E402
 
 from barrett_hand_bridge.contacts import FLAG_CONTACT  # noqa: E402
@@ -165,13 +165,14 @@ def depths(count: int) -> Iterator[list[str]]:
     """The depth under the pins of recordings, scanned again, by the whole comparison."""
     for name in RECORDED:
         outcome = run(ROOT / 'bags' / name, PipelineOptions(thick=False))
-        places = sum(len(row.patches) for row in outcome.rows)
+        models = of_pipeline(outcome)
+        places = sum(len(contacts.point) for _, contacts in models)
         seeds = range(FIRST_SEED, FIRST_SEED + -(-count // places))
         for misfit in (None, *SCANNERS):
             ratio = np.array(
                 [
                     (profile.apex_m - truth) / profile.apex_sigma_m
-                    for _, found, truth in scanned_again(name, outcome, seeds, misfit)
+                    for _, found, truth in scanned_again(name, models, seeds, misfit)
                     for profile in found.profiles
                 ]
             )

@@ -87,8 +87,8 @@ def _reason(error: Exception) -> str:
     """What rcl says, without the places in its sources."""
     said = re.sub(r', at /\S+:\d+', '', str(error))
     reason = ': '.join(line.strip() for line in said.splitlines() if line.strip())
-    if os.environ.get('ROS_SECURITY_ENABLE') == 'true':
-        # Without a keystore all that rcl says is "error not set".
+    if 'error not set' in reason and os.environ.get('ROS_SECURITY_ENABLE') == 'true':
+        # That is all that rcl says without a keystore.
         reason += (
             ' (ROS_SECURITY_ENABLE is true: ROS_SECURITY_KEYSTORE must hold an enclave for this '
             'program, given with --ros-args --enclave)'

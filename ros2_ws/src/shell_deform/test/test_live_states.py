@@ -130,6 +130,13 @@ def test_an_answer_that_is_not_finite_is_not_served():
         check_served(packed)
 
 
+def test_an_answer_that_leaves_the_object_is_not_served():
+    answer = np.zeros((4, 8), np.float32)
+    check_served(answer, 0.02, 0.113)
+    with pytest.raises(SampleError, match='by 146 mm, more than the 113 mm'):
+        check_served(answer, 0.1456, 0.113)
+
+
 def test_the_cells_of_one_finger_become_their_resultant():
     cells = sample(
         [[0, 0, 0.03], [0, 2e-3, 0.03], [0, 0, -0.03]],

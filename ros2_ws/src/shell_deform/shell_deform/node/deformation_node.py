@@ -232,12 +232,16 @@ class DeformationNode(Node):
     def _serve(self, estimator: Estimator, sample: ContactSample, stamp: int, now: float) -> bool:
         """Answer `sample` under `stamp` [ns]; False where it cannot be used."""
         estimator.pose = self._given_pose
+        served = None
         try:
             served, new_result = self._answer(estimator, sample)
-            check_served(served.packed)
+            check_served(served.packed, served.max_displacement, estimator.widest)
         except (SampleError, ArithmeticError, LookupError, ValueError) as error:
             # Whatever a sample does to the numbers, the next one finds the node as it was.
             self._refuse(error, now)
+            if served is not None and not self._path.active:
+                # It is solved all the same: only a new equilibrium leads away from this one.
+                self._post(estimator)
             return False
         served = replace(served, stamp=stamp)
         self._topics.answer(served.answer)

@@ -163,6 +163,23 @@ class ContactTracker:
         self.contacts = ()
         self._memory.clear()
 
+    def exchanged(self, touches: tuple[Touch, ...]) -> bool:
+        """Whether others have come where some fingers stay and some have gone, all at once.
+
+        Who comes back to a place that is remembered does not count as one who comes.
+        """
+        known = {contact.finger: contact for contact in self.contacts}
+        stay = [
+            (old := known.get(touch.finger)) is not None
+            and (old.still_good(touch) or old.slides_to(touch))
+            for touch in touches
+        ]
+        come = any(
+            not stays and self._remembered(touch) is None
+            for touch, stays in zip(touches, stay, strict=True)
+        )
+        return come and 0 < sum(stay) < len(self.contacts)
+
     def update(self, touches: tuple[Touch, ...], positions: Array, moved: bool = False) -> bool:
         """Take what the fingers report at control `positions` (n, 3); True if patches changed.
 

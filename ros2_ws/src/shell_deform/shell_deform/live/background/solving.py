@@ -150,6 +150,9 @@ class LiveSolver:
         self.turning = not np.array_equal(grips, self.tracker.state.grips)
         anew = self.turning or self.contacts.contacts or (len(grips) and self.share < 1.0)
         if touches or anew:
+            if not len(grips) and self.contacts.exchanged(touches):
+                # What those that have gone had made of the shell is no shape to come to.
+                self._let_go()
             before = dict(zip(self._fingers(), self._displacements(), strict=True))
             self._lay(touches)
             target = self._target(load, touches, before)

@@ -170,7 +170,10 @@ class Adopted:
         along = np.einsum('pi,pi->p', away, self._axis[index])
         sideways = np.einsum('pi,pi->p', away, away) - along * along
         reach = np.maximum(LONGEST_SLIDE * sample.radius, SHORTEST_JUMP)
-        return (self.fingers[index] == sample.finger) & (sideways < reach * reach)
+        # The far side of the object lies on the same axis, and is pushed the other way.
+        facing = np.einsum('pi,pi->p', sample.normal @ pose.rotation, self._axis[index])
+        near = (sideways < reach * reach) & ((facing > 0.0) | (np.abs(along) < reach))
+        return (self.fingers[index] == sample.finger) & near
 
     @property
     def carries(self) -> bool:

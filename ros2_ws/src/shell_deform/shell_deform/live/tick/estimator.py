@@ -144,6 +144,9 @@ class Estimator:
         self._rest_grips = np.zeros((len(rest), 3, 0)) if grips is None else grips[1]
         self._linear: tuple[AtRest, Array, Array] | None = None
         n = len(rest)
+        size = float(np.linalg.norm(np.ptp(rest, axis=0)))
+        self.widest = size if grips is None else math.inf
+        """No answer moves the surface by more; grips may take the object anywhere [m]."""
         self._rest_offset = None if rest_outer is None else rest_outer - rest
         more = 0 if rest_outer is None else len(OUTER_FIELDS)
         self._packed = np.zeros((n, len(FIELDS) + more), dtype=np.float32)

@@ -162,10 +162,20 @@ def check_fingers(sample: ContactSample, most: int) -> None:
         )
 
 
-def check_served(packed: NDArray[np.float32]) -> None:
-    """Raise SampleError unless an answer, (n, f) numbers, is finite."""
+def check_served(
+    packed: NDArray[np.float32], largest: float = 0.0, widest: float = np.inf
+) -> None:
+    """Raise SampleError unless an answer, (n, f) numbers, is finite, and one of this object.
+
+    `largest`: displacement in it [m]. `widest`: of the object [m], infinite where it may travel.
+    """
     if not np.isfinite(packed).all():
         raise SampleError('the answer to this sample is not finite, so it is not served')
+    if largest > widest:
+        raise SampleError(
+            f'the answer to this sample moves the surface by {1e3 * largest:.0f} mm, more than '
+            f'the {1e3 * widest:.0f} mm that the object measures, so it is not served'
+        )
 
 
 def one_row_per_finger(sample: ContactSample, default_radius: float) -> ContactSample:

@@ -23,7 +23,7 @@ def not_negative(text: str) -> float:
     """A finite number of at least zero."""
     value = float(text)
     if not 0.0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f'{text} is negative')
+        raise argparse.ArgumentTypeError(f'{text} is not a number of at least zero')
     return value
 
 

@@ -19,7 +19,8 @@ from shell_deform.live.tick.contact_cloud import ContactReader
 from shell_deform.live.tick.touch_check import TouchCells, check_cells
 from shell_deform.objects import load_object
 from shell_deform.objects.finger_files import find_body
-from shell_deform.solve.equilibrium import displaced
+from shell_deform.objects.shell_object import Contact
+from shell_deform.solve.equilibrium import displaced, forced
 from shell_deform.solve.newton import EquilibriumSolver
 
 ROOT = Path(__file__).resolve().parents[1] / 'bags'
@@ -107,6 +108,40 @@ def test_each_cell_feels_the_same_on_a_mesh_of_twice_the_vertices_half_as_large(
     assert pressed.sum() == 3
     np.testing.assert_allclose(felt[0][pressed], felt[1][pressed], rtol=0.03)
     assert np.abs(felt[0] - felt[1]).max() < 0.03 * felt[1].sum()
+
+
+def missed(contacts: tuple[Contact, ...], push: float, solid: np.ndarray, rest: np.ndarray):
+    """Root mean square by which the dent of a pushed ball misses the solid's outer face [m]."""
+    ball = replace(load_object(str(BAG / 'object.yaml')), contacts=contacts)
+    model = build_model(ball, control_vertices=300)
+    state = EquilibriumSolver(model).solve(forced(object_contacts(ball, model), [push] * 2))
+    feet = model.surface.closest_point(model.rest, rest)
+
+    def outer(control: np.ndarray) -> np.ndarray:
+        at = model.surface.evaluate(control, feet.triangle, feet.parameters)
+        return at.position + 0.5 * ball.thickness_m * at.normal
+
+    moved = outer(state.positions) - outer(model.rest)
+    return float(np.sqrt(np.mean(np.sum((moved - solid) ** 2, axis=1))))
+
+
+def test_a_push_where_the_cells_felt_it_dents_as_the_solid_does_and_an_even_one_does_not() -> None:
+    kept = yaml.safe_load((BAG / 'truth.yaml').read_text())['states'][3]
+    solid = np.load(ROOT / 'solid/ball_fingertips.npz')
+    dent = np.linalg.norm(solid['rest_m'] - [0.0325, 0.0, 0.0], axis=1) < 0.012
+    rest, moved = (solid[name].astype(float) for name in ('rest_m', 'moved_m'))
+    places = load_object(str(BAG / 'object.yaml')).contacts
+    felt = tuple(
+        replace(one, friction=0.0, finger=replace(one.finger, cells_n=tuple(kept['cells_n'])))
+        for one in places
+    )
+    even = tuple(Contact(one.at_m, 7.55e-3, 'pin') for one in places)
+    by_cells, by_pin = (
+        missed(contacts, -kept['force_n'][0], moved[3, dent], rest[dent])
+        for contacts in (felt, even)
+    )
+    assert by_cells < 4e-5
+    assert by_pin > 8e-5
 
 
 def test_a_wall_that_shears_carries_the_tip_as_the_solid_does() -> None:

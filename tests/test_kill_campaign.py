@@ -2,7 +2,7 @@
 """Whatever is killed, and whenever: nothing is left running, and no folder behind.
 
 `make soak` (`kills`) takes 200 moments of each kind; KILLS=N: so many of each node, with -s for
-the times.
+the times; SEED: other moments.
 """
 
 import contextlib
@@ -26,6 +26,7 @@ from grasp_common.messages import cloud
 SOAK = bool(os.environ.get('SOAK'))
 MOMENTS = 25 if SOAK else 1
 CHILD_MOMENTS = int(os.environ.get('KILLS', 50 if SOAK else 2))
+SEED = os.environ.get('SEED', '')
 CONTACT = np.dtype(
     [(name, '<f4') for name in ('x', 'y', 'z', 'nx', 'ny', 'nz', 'fx', 'fy', 'fz')]
     + [(name, '<f4') for name in ('sigma_n', 'radius', 'sigma_t')]
@@ -86,6 +87,12 @@ CHILDREN = {
     'scan_compare': ('scan_compare.worker',),
     'grasp_view': ('with_parent', 'bin/deformation', 'background.worker'),
 }
+# Solvers have a spare, and what-if a spare node, whose solver stands by, too.
+AT_REST = {'hand_bridge': 2, 'deformation': 2, 'scan_compare': 1, 'grasp_view': 7}
+
+
+LATENCY_S = 0.1
+"""An age comes so much later than it was told, at most, and is so much older [s]."""
 
 
 class Hand:
@@ -115,8 +122,9 @@ class Hand:
         self.contacts.publish(cloud(rows, now, 'hand_base'))
 
     def _age(self, message):
-        if message.data < 0.5:
-            self.fresh_at = time.monotonic()
+        # When the newest equilibrium's sample was there: what is served of before is no answer.
+        if np.isfinite(message.data):
+            self.fresh_at = time.monotonic() - message.data - LATENCY_S
 
     def _told(self, message):
         for status in message.status:
@@ -155,14 +163,13 @@ def test_a_process_of_a_node_that_is_killed_or_stopped_is_replaced(
     words = [word for parameter in parameters for word in ('-p', parameter)]
     node = start(name, '--ros-args', *words)
     kinds = CHILDREN[name]
-    least = len(kinds) + ('background.worker' in kinds)
     hand = Hand(topic)
-    moments = random.Random(name)
-    noticed, restored = [], []
+    moments = random.Random(name + SEED)
+    noticed, restored, complete = [], [], []
 
     def whole(besides=0):
         hand.spin(0.01)
-        return len(set(_named(node.process.pid, kinds)) - {besides}) >= least
+        return len(set(_named(node.process.pid, kinds)) - {besides}) >= AT_REST[name]
 
     def served(since):
         hand.spin(0.01)
@@ -180,11 +187,13 @@ def test_a_process_of_a_node_that_is_killed_or_stopped_is_replaced(
             os.kill(victim, how)
             # Gone from the kernel's tables: whoever owns it has noticed, and ended a stopped one.
             wait_until(lambda v=victim: hand.spin(0.01) or not Path(f'/proc/{v}').exists(), 60.0)
-            noticed.append(time.monotonic() - struck)
+            gone = time.monotonic()
+            noticed.append(gone - struck)
+            wait_until(lambda gone=gone: served(gone), 60.0, lambda: node.text)
+            answered = time.monotonic() - struck
             wait_until(lambda v=victim: whole(v), 60.0, lambda: node.text)
-            back = time.monotonic()
-            wait_until(lambda back=back: served(back), 60.0, lambda: node.text)
-            restored.append(time.monotonic() - struck)
+            complete.append(time.monotonic() - struck)
+            restored.append(answered if topic else complete[-1])
             assert node.process.poll() is None, node.text
         below = descendants(node.process.pid)
         assert node.stop() == 0, node.text
@@ -193,9 +202,10 @@ def test_a_process_of_a_node_that_is_killed_or_stopped_is_replaced(
     finally:
         hand.end()
     print(f'{name}: {len(noticed)} moments, load {os.getloadavg()[0]:.1f}')
-    for what, seconds in (('noticed', noticed), ('restored', restored)):
-        median, late = np.percentile(seconds, (50, 95))
-        print(f'  {what} after {median:.2f} s (median), {late:.2f} (95 %), {max(seconds):.2f}')
+    times = {'noticed': noticed, 'answers again': restored, 'with its spares': complete}
+    for what, seconds in times.items():
+        shares = ', '.join(f'{np.percentile(seconds, q):.2f} ({q} %)' for q in (50, 90, 95, 99))
+        print(f'  {what} after {shares}, {max(seconds):.2f} s (all)')
     if SOAK:
         assert max(noticed) <= 1.0
         assert max(restored) <= 3.0

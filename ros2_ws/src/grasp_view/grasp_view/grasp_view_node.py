@@ -38,8 +38,9 @@ from .poses import Pose, PoseError
 from .replay_panel import ReplayState
 from .scene_model import CONTACT, Snapshot
 from .service_calls_node import ServiceCalls
+from .solver_process import WhatIfError
 from .time_series import History, TimeSeries
-from .what_if_node import NAMESPACE, WhatIf, WhatIfError
+from .what_if_node import NAMESPACE, WhatIf
 
 NUMBERS = {
     **{

@@ -4,11 +4,8 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
+import math
 import subprocess
-import sys
-import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -20,12 +17,11 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 
-from grasp_common.watchdog import is_stopped
-
-from . import messages, with_parent
+from . import messages
 from .page import Page
 from .poses import Floats
 from .scene_model import Mesh
+from .solver_process import SolverProcess, WhatIfError, executable
 from .what_if import (
     Finger,
     Touch,
@@ -36,7 +32,7 @@ from .what_if import (
     opposite,
     vertex_normals,
 )
-from .what_if_panel import FINGERS, GIVEN_FRICTION, WhatIfPanel, Wish
+from .what_if_panel import FINGERS, WhatIfPanel, Wish
 
 NAMESPACE = '/what_if'
 RATE_HZ = 30.0
@@ -44,24 +40,8 @@ SETTLE_S = 0.4
 FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 10.0
 """Before a solver that ended without an answer is started again; twice as long each time [s]."""
-
-
-class WhatIfError(RuntimeError):
-    """The what-if solver cannot run; the text names what is missing."""
-
-
-def executable(package: str, name: str) -> str:
-    """An executable of the workspace: beside this interpreter, of a colcon install, on PATH.
-
-    Raises WhatIfError if it is nowhere.
-    """
-    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
-    folders = [str(Path(sys.executable).parent)]
-    folders += [str(Path(prefix) / 'lib' / package) for prefix in prefixes if prefix]
-    found = shutil.which(name, path=os.pathsep.join(folders)) or shutil.which(name)
-    if found is None:
-        raise WhatIfError(f'what_if needs the executable {name} of package {package}')
-    return found
+SPARE_AFTER_S = 2.0
+"""A spare is started so long after the solver has answered: its own start is busy enough [s]."""
 
 
 def known_objects(chosen: str) -> dict[str, dict[str, Any]]:
@@ -101,44 +81,47 @@ class WhatIf:
         self._publisher = node.create_publisher(PointCloud2, f'{NAMESPACE}/hand/contacts', 10)
         self._client = node.create_client(SetParameters, f'{NAMESPACE}/deformation/set_parameters')
         self._pause = FIRST_PAUSE_S
+        self._spare: SolverProcess | None = None
         self._start()
         node.create_timer(1.0 / RATE_HZ, self._publish)
 
     def _start(self) -> None:
-        """Start the solver with the object as it is served."""
-        self._folder = tempfile.mkdtemp(prefix='what_if_')
-        self._process = with_parent.start(
-            self._folder,
-            [
-                executable('shell_deform', 'deformation'), '--ros-args',
-                '-r', f'__ns:={NAMESPACE}', '-p', f'object:={self._write(self._served)}',
-                '-p', f'theory:={self._served.theory}', '-p', 'drive:=force',
-                '-p', 'frame:=object',
-                '-p', f'friction:={GIVEN_FRICTION}',
-            ],
-        )  # fmt: skip
-        self._ended = time.monotonic()
+        """Let a solver, the spare where there is one, serve what was served."""
+        spare, self._spare = self._spare, None
+        self._solver = spare or SolverProcess()
+        served = self._served
+        parameters = {
+            'object': self._write(served), 'theory': served.theory, 'drive': 'force',
+            'frame': 'object', 'friction': served.friction, 'mass': served.mass_kg,
+        }  # fmt: skip
+        words = [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
+        self._solver.begin(['--ros-args', '-r', f'__ns:={NAMESPACE}', *words])
+        self._ended, self._quiet_since = time.monotonic(), math.inf
 
     def _look_after(self) -> None:
-        """Start the solver again where it has ended or was stopped; say so."""
-        code, now = self._process.poll(), time.monotonic()
-        if code is None and not is_stopped(self._process.pid):
+        """Replace a solver that has ended or was stopped, and say so; keep a spare ready."""
+        now = time.monotonic()
+        if self._solver.alive:
             self._ended = now
+        if self._spare is not None and not self._spare.alive:
+            self._spare.drop()
+            self._spare = None
+        if self._solver.alive:
+            if self._spare is None and now - self._quiet_since > SPARE_AFTER_S:
+                self._spare, self._quiet_since = SolverProcess(), now
             return
-        self._panel.say('the solver has ended and is started again …')
+        self._panel.say('the solver has ended and another one takes its place …')
         if now - self._ended < self._pause:
             return
-        self._pause = min(2.0 * self._pause, LONGEST_PAUSE_S)
-        self._process.kill()
-        with_parent.stop(self._process)
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._pause, self._ended = min(2.0 * self._pause, LONGEST_PAUSE_S), now
+        self._solver.drop()
         self._future = None
         self._start()
 
     def _write(self, wish: Wish) -> Path:
         """The wished object as a file of a new name, so that the solver sees a change."""
         self._written += 1
-        path = Path(self._folder) / str(self._written) / f'{wish.object_name}.yaml'
+        path = self._solver.folder / str(self._written) / f'{wish.object_name}.yaml'
         path.parent.mkdir()
         variant = object_variant(
             self._objects[wish.object_name], wish.young_modulus_pa, wish.gauge_pressure_pa
@@ -151,7 +134,8 @@ class WhatIf:
         if mesh is not None and mesh is not self._mesh:
             self._mesh, self._normals = mesh, vertex_normals(mesh)
             # A solver that has answered was a good one, however soon it ends.
-            self._pause = FIRST_PAUSE_S
+            self._pause, self._quiet_since = FIRST_PAUSE_S, time.monotonic()
+            self._panel.say('')
             self._place()
         while not self._panel.drags.empty():
             drag = self._panel.drags.get()
@@ -162,8 +146,12 @@ class WhatIf:
                 self._panel.release(drag.finger)
                 self._touches[drag.finger] = found[0]
         self._panel.show(self.fingers)
-        self._follow_wish()
-        self._look_after()
+        try:
+            self._follow_wish()
+            self._look_after()
+        except (OSError, WhatIfError) as error:
+            # A full disk, say: it is tried again.
+            self._panel.say(f'{error}')
 
     def _place(self) -> None:
         """Fingers at the object's own contacts, else around its x axis; kept where they were."""
@@ -233,11 +221,14 @@ class WhatIf:
         if asked.theory != served.theory:
             self._served = replace(served, theory=asked.theory)
             return [Parameter('theory', value=asked.theory)]
+        path = self._write(asked)
         if asked.object_name != served.object_name:
             self._touches.clear()
         self._served = asked
-        return [Parameter('object', value=str(self._write(asked)))]
+        return [Parameter('object', value=str(path))]
 
     def close(self) -> None:
-        """End the solver."""
-        with_parent.stop(self._process)
+        """End the solver and its spare."""
+        for one in (self._spare, self._solver):
+            if one is not None:
+                one.end()

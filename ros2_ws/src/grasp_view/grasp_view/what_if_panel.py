@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import html
 import queue
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -114,7 +115,8 @@ class WhatIfPanel:
 
     def say(self, text: str) -> None:
         """One line under the sliders."""
-        self._said.content = f'<div style="padding:0.2em 1em;font-size:0.85em">{text}</div>'
+        style = 'padding:0.2em 1em;font-size:0.85em'
+        self._said.content = f'<div style="{style}">{html.escape(text)}</div>'
 
     def show(self, fingers: Sequence[Finger]) -> None:
         """Put the handles where the fingers are."""

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs a command that ends with the process that started it, and removes a folder then.
 
-`python -m grasp_view.with_parent FOLDER COMMAND ...`: when stdin ends, however its writer died,
-the command is asked to end and then made to. A signal to this process does the same, and where
-this process is killed the kernel ends the command. A command that somebody stopped (SIGSTOP) is
-ended, so that whoever started it can start it anew.
+`python -m grasp_view.with_parent FOLDER COMMAND ...`: the command gets what comes by stdin, and
+when that ends, however its writer died, it is asked to end and then made to. A signal to this
+process does the same, and where this process is killed the kernel ends the command. A command
+that somebody stopped (SIGSTOP) is ended, so that whoever started it can start it anew.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
@@ -48,10 +49,12 @@ def stop(process: subprocess.Popen[bytes]) -> None:
 def main(arguments: Sequence[str]) -> int:
     """Wait for the command or for the end of stdin; returns the exit code of the command."""
     folder, *command = arguments
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=end_with_parent)
+    process = subprocess.Popen(
+        command, bufsize=0, stdin=subprocess.PIPE, preexec_fn=end_with_parent
+    )
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: process.terminate())
-    threading.Thread(target=_end_with_stdin, args=(process,), daemon=True).start()
+    threading.Thread(target=_hand_on, args=(process,), daemon=True).start()
     try:
         return _code_of(process)
     finally:
@@ -68,10 +71,13 @@ def _code_of(process: subprocess.Popen[bytes]) -> int:
                 process.kill()
 
 
-def _end_with_stdin(process: subprocess.Popen[bytes]) -> None:
+def _hand_on(process: subprocess.Popen[bytes]) -> None:
+    """Give the command what comes by stdin; end it when that ends."""
+    assert process.stdin is not None
     # Not through sys.stdin: its lock, held by this thread, would break the end of the interpreter.
-    while os.read(0, 4096):
-        continue
+    while data := os.read(0, 4096):
+        with contextlib.suppress(BrokenPipeError):
+            process.stdin.write(data)
     process.terminate()
     try:
         process.wait(PATIENCE_S)

@@ -199,6 +199,17 @@ def test_a_command_ends_with_its_parent_however_that_dies(tmp_path, wait_until):
     wait_until(lambda: not Path(folder).exists(), 10.0)
 
 
+def test_a_command_hears_what_is_said_to_it(tmp_path):
+    heard = tmp_path / 'heard'
+    script = f'import sys; open({str(heard)!r}, "w").write(sys.stdin.readline())'
+    process = with_parent.start(tempfile.mkdtemp(dir=tmp_path), [sys.executable, '-c', script])
+    process.stdin.write(b'begin\n')
+    process.stdin.flush()
+    assert process.wait(60) == 0
+    with_parent.stop(process)
+    assert heard.read_text() == 'begin\n'
+
+
 def test_a_command_that_is_stopped_leaves_nothing(tmp_path):
     folder = tempfile.mkdtemp(dir=tmp_path)
     process = with_parent.start(folder, [sys.executable, '-c', 'import time; time.sleep(600)'])

@@ -206,5 +206,8 @@ def grasp_task(values: Mapping[str, Any]) -> GraspTask:
 def usage() -> str:
     """What `deformation --help` prints: every parameter with its unit, range and default."""
     return parameter_table.usage(
-        'deformation', 'The deformed surface for every sample of hand/contacts.', PARAMETERS
+        'deformation',
+        'The deformed surface for every sample of hand/contacts. With --standby alone it loads '
+        'everything and begins with the arguments that a line on stdin brings (a JSON list).',
+        PARAMETERS,
     )

@@ -126,9 +126,13 @@ def test_a_usage_text_loads_no_solver_and_no_robot_library(name: str) -> None:
 
 
 def test_whatever_names_an_option_names_one_of_today() -> None:
-    """Sentences of errors and hints too; ROS's own and those of rosbags-convert are named."""
+    """Sentences of errors and hints too; ROS's own and those of rosbags-convert are named.
+
+    So is the one word that a page says to the node that stands by for it.
+    """
     known = {spelling for ones in OPTIONS.values() for one in ones for spelling in one.names}
-    known |= {'--help', '--version', '--ros-args', '--src', '--dst', *RENAMED}
+    known |= {'--help', '--version', '--ros-args', '--enclave', '--src', '--dst', *RENAMED}
+    known.add('--standby')
     unknown = set()
     for source in (ROOT / 'ros2_ws' / 'src').glob('*/*/**/*.py'):
         if 'test' in source.parts:

@@ -120,6 +120,21 @@ class ShellModel:
         return np.concatenate([still, *(grip.target(self.rest, by) for grip, by in moves)])
 
     @property
+    def own_pressure(self) -> float:
+        """Pressure inside over that outside at the undeformed shape [Pa]."""
+        return self.pressure + (self.gas.gauge_pressure if self.gas.is_sealed else 0.0)
+
+    def filled(self, share: float) -> ShellModel:
+        """This model under a share of its own pressures: constant one, gauge pressure inside."""
+        if share == 1.0:
+            return self
+        result = copy(self)
+        gas = replace(self.gas, gauge_pressure=share * self.gas.gauge_pressure)
+        object.__setattr__(result, 'gas', gas)
+        object.__setattr__(result, 'pressure', share * self.pressure)
+        return result
+
+    @property
     def surface(self) -> LimitSurface:
         """The limit surface of the control mesh."""
         return self.shell.surface

@@ -10,7 +10,10 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from shell_deform.building import build_model
 from shell_deform.commands import shell_solve
+from shell_deform.live.background.self_crossing import LOOK_EVERY_NS, SelfCrossing
+from shell_deform.objects import load_object
 from shell_deform.surface.crossing import crossing
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
@@ -60,3 +63,16 @@ def test_a_can_pressed_through_itself_ends_with_the_rows_before(tmp_path, capsys
     rows = json.loads(told.out)['points']
     assert 8 <= len(rows) <= 10 and rows[-1]['displacement_m'] < 0.0101
     assert 'passes through itself' in told.err.splitlines()[-1]
+
+
+def test_a_live_surface_is_looked_at_twice_a_second():
+    """What was seen stays told until the next look, by stamps."""
+    model = build_model(load_object('tennis_ball'), control_vertices=250)
+    through = model.rest.copy()
+    through[:, 2] *= np.where(np.hypot(*through[:, :2].T) < 0.02, -0.5, 1.0)
+    seen = SelfCrossing(model)
+    assert not seen.found(model.rest, 0)
+    assert not seen.found(through, LOOK_EVERY_NS - 1)
+    assert seen.found(through, LOOK_EVERY_NS)
+    assert seen.found(model.rest, LOOK_EVERY_NS + 1)
+    assert not seen.found(model.rest, 0)

@@ -14,8 +14,8 @@ from shell_deform.live.tick.states import LiveState
 from shell_deform.theory.relaxation import log_law
 
 
-def adopted(share=1.0):
-    return SimpleNamespace(share=share, message='the dent snaps through')
+def adopted(share=1.0, crosses=False):
+    return SimpleNamespace(share=share, message='the dent snaps through', crosses=crosses)
 
 
 def served(contradiction=0.0, taking_up=False):
@@ -59,6 +59,11 @@ def test_a_served_contact_is_ok(well):
             {'estimator': SimpleNamespace(adopted=adopted(0.5), hold=None)},
             'warn',
             'the dent snaps through',
+        ),
+        (
+            {'estimator': SimpleNamespace(adopted=adopted(crosses=True), hold=None)},
+            'warn',
+            'passes through itself',
         ),
         ({'served': served(taking_up=True)}, 'warn', 'taking up the contacts'),
         ({'state': LiveState.SATURATED}, 'warn', 'a gauge is saturated'),

@@ -6,6 +6,7 @@ from dataclasses import replace
 import live_hand
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from shell_deform.building import build_model
 from shell_deform.contact.body_file import load_body
@@ -17,7 +18,7 @@ from shell_deform.live.background.contact_tracking import Touch
 from shell_deform.live.background.fingertips import FingertipSolver
 from shell_deform.live.background.load_case import Load
 from shell_deform.live.exchange import REQUEST, TAXEL_FIELDS
-from shell_deform.live.pose import IDENTITY
+from shell_deform.live.pose import IDENTITY, pose_of
 from shell_deform.live.tick.grasp import GRASP_FIELDS, GraspTask, GraspTick
 from shell_deform.live.tick.load_path import MOST_WAITING, LoadPath
 from shell_deform.live.tick.rehearsal import Rehearsal
@@ -296,3 +297,58 @@ def test_a_path_that_nobody_follows_is_thinned_and_says_so():
         path.take(request(k * 3e-4))
     assert path.waiting <= MOST_WAITING
     assert path.left_out == MOST_WAITING + 1 - path.waiting
+
+
+TUBE = """
+name: held_tube
+surface: {cylinder: {outer_diameter_m: 0.042, length_m: 0.08, ends: open}}
+thickness_m: 0.002
+young_modulus_pa: 3.0e+6
+poisson_ratio: 0.45
+contacts: [{kind: grip, where: upper}]
+control_vertices: 300
+source: a test
+"""
+
+
+@pytest.fixture(scope='module')
+def tube(tmp_path_factory):
+    path = tmp_path_factory.mktemp('tube') / 'tube.yaml'
+    path.write_text(TUBE)
+    return build_model(load_object(str(path)))
+
+
+def between(depth, stamp, force=5.0):
+    """Two tips on the sides of the tube, along its axis."""
+    sample = live_hand.opposed(
+        [force] * 2, [depth] * 2, outer_radius=0.021, stamp=stamp, radius=7.5e-3
+    )
+    return replace(sample, along=np.array([[0.0, 0.0, 1.0]] * 2))
+
+
+def test_fingertips_rub_on_an_object_whose_grip_turns(tube):
+    """What the grip turns with is what the cells of the fingers give, up to their friction."""
+    live = Rehearsal(tube, live_hand.Settings(live_hand.SURE), TIPS.loaded())
+    path, origin = LoadPath(STEP, 0.0225), tube.grips[0].origin
+    for k, depth in enumerate(np.linspace(0.0, 1.5e-3, 6)):
+        live.follow(between(depth, k + 1), path, MU)
+    torques = []
+    for k, angle in enumerate((0.02, 0.2, 0.22)):
+        turned = pose_of([*origin, *Rotation.from_rotvec([0.0, 0.0, angle]).as_quat()])
+        live.estimator.grips.take(0, turned, IDENTITY)
+        ahead = live.tick(between(1.5e-3, 50 + k)).packed.copy()
+        served = live.follow(between(1.5e-3, 50 + k), path, MU).packed
+        missed = np.linalg.norm(ahead[:, :3] - served[:, :3], axis=1)
+        assert np.all(missed <= 3.0 * ahead[:, 7] + 1e-6)
+        adopted, cells = live.estimator.adopted, taxels(live)
+        assert adopted.share == 1.0
+        assert adopted.grip_pose[0, 5] == pytest.approx(angle)
+        given = float(np.sum(cells['x'] * cells['fy'] - cells['y'] * cells['fx']))
+        torques.append(adopted.grip_wrench[0, 5])
+        # A cell tells its force at its middle: the arms are known to a part of its size.
+        assert torques[-1] == pytest.approx(-given, rel=0.1)
+    arms = np.hypot(cells['x'], cells['y'])
+    pushes = np.linalg.norm([cells['fx'], cells['fy'], cells['fz']], axis=0)
+    assert 0.0 < torques[0] <= 1.05 * MU * float(pushes @ arms)
+    # All of it slips: to turn on takes no more.
+    assert torques[2] == pytest.approx(torques[1], rel=0.05)

@@ -26,7 +26,7 @@ from shell_deform.objects import Contact, ShellObject, load_object
 from shell_deform.picture import surface_figure
 from shell_deform.readout import passes_through_itself, read_out
 from shell_deform.solve.equilibrium import Equilibrium, displaced, forced
-from shell_deform.solve.first_touch import first_touch
+from shell_deform.solve.first_touch import FirstTouchError, alone, first_touch
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.solve.step_system import NewtonOptions
 from shell_deform.squeeze import finger_readings, warnings_of
@@ -70,10 +70,13 @@ def _solve(options: argparse.Namespace) -> None:
     contacts = object_contacts(shell_object, model, options.pin_radius)
     sweep = grip_sweep(options, shell_object.name, model, contacts)
     solver = EquilibriumSolver(model, NewtonOptions(stability=True))
-    if sweep is None:
-        state, results, ended, held = _squeezed(options, shell_object, solver, contacts)
-    else:
-        state, results, ended, held = _gripped(sweep, shell_object, solver, options.hold)
+    try:
+        if sweep is None:
+            state, results, ended, held = _squeezed(options, shell_object, solver, contacts)
+        else:
+            state, results, ended, held = _gripped(sweep, shell_object, solver, options.hold)
+    except FirstTouchError as error:
+        raise CommandError(f'{shell_object.name}: {error}') from error
     cpu = time.process_time() - loaded
     model = solver.model.of(state.shell)
     readout = read_out(model, state.unknowns, shell_object.yield_stress_pa)
@@ -176,7 +179,15 @@ def _gripped(
     """The same of grips that move and are held for `seconds`; the value of a row is how far."""
     law = relaxation_of(shell_object) if seconds else None
     results: list[Solved] = []
-    state = began = solver.rest()
+    state = began = alone(solver)
+    if sweep.axial is not None:
+        state = solver.solve(sweep.case(0.0), began)
+        if not state.converged:
+            ended = (
+                f'{shell_object.name}: no equilibrium under --axial {sweep.axial:g} N, it stands '
+                f'about {state.load_fraction * sweep.axial:.3g} N: {state.message}; give less'
+            )
+            return state, results, ended, []
     for value in tracked(sweep.values, 'poses'):
         start = time.perf_counter()
         found = solver.solve(sweep.case(value), state)

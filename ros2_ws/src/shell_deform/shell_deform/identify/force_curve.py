@@ -16,6 +16,7 @@ from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject
 from shell_deform.readout import wall_ratio
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase, displaced, forced
+from shell_deform.solve.first_touch import FirstTouchError, alone
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.surface.limit import LimitSurface
 from shell_deform.theory import THICK
@@ -160,8 +161,8 @@ class ForceCurve:
 
         Raises IdentificationError where the shell has no equilibrium.
         """
-        if not self._model.gas.is_sealed:
-            # without gas every force is proportional to the modulus
+        if not (self._model.gas.is_sealed or self._model.pressure):
+            # without pressure every force is proportional to the modulus
             own = self.shell_object.young_modulus_pa
             key = np.ascontiguousarray(displacement).tobytes()
             if key not in self._known:
@@ -243,9 +244,14 @@ class ForceCurve:
     ) -> tuple[list[Equilibrium], Array]:
         """Equilibria at rising values, in the given order; displacements where all is at zero."""
         solver = EquilibriumSolver(self.model(young, gauge))
-        state = solver.rest()
+        try:
+            state = alone(solver)
+        except FirstTouchError as error:
+            raise IdentificationError(
+                f'{self.shell_object.name}: with E {young:.4g} Pa {error}'
+            ) from error
         start = np.zeros(len(self._contacts))
-        if gauge:
+        if solver.model.own_pressure:
             state = solver.solve(forced(self._contacts, [0.0] * len(start)), state)
             start = state.displacement
         found: dict[int, Equilibrium] = {}

@@ -94,6 +94,7 @@ RESULT = np.dtype(
         ('rigid_count', '<i8'),
         ('share', '<f8'),
         ('stable', '<i8'),
+        ('crosses', '<i8'),
         ('snap_margin', '<f8'),
         ('energy', '<f8'),
         ('rest_energy', '<f8'),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shell_deform.assemble.thick import ThickShell
 from shell_deform.contact.contact_field import ContactField, contact_field
 from shell_deform.contact.loads import ContactPatch
-from shell_deform.factor.base import Factor
+from shell_deform.factor.base import Factor, FactorError
 from shell_deform.factor.bordered import BorderedFactor
 from shell_deform.model import ShellModel, Tangent, diagonal_entry
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase
@@ -174,7 +174,10 @@ def bordered(
     matrix = model.shell.pattern.matrix(tangent.stiffness.data.copy())
     springs = model.springs
     diagonal = matrix.diagonal()
-    stiff = float(np.median(diagonal[diagonal > 0])) if len(springs) else 1.0
+    positive = diagonal[diagonal > 0]
+    if not len(positive):
+        raise FactorError('nothing of the shell resists: the load is far too large')
+    stiff = float(np.median(positive)) if len(springs) else 1.0
     for dof in springs:
         matrix.data[diagonal_entry(matrix, int(dof))] += stiff
     pins = np.zeros((len(tangent.gradient), len(springs)))

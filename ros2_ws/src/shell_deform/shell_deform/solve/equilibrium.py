@@ -177,6 +177,7 @@ class Equilibrium:
         unbalance: (6,) resultant force [N] and moment [N m] about the origin that the applied
             loads leave to supports and rigid-motion constraints.
         energy: strain and gas energy [J]. gas_pressure: overpressure [Pa].
+        filled: share of the model's own pressures that it carries, 1 when converged.
         residual: unbalanced nodal force relative to the loads [-].
         iterations: linear solves. factorisations: stiffness factorisations.
         load_fraction: share of the load case that is carried, 1 when converged.
@@ -210,6 +211,7 @@ class Equilibrium:
     iterations: int
     factorisations: int
     load_fraction: float = 1.0
+    filled: float = 1.0
     end: End = End.CARRIED
     negative_modes: int | None = None
     dead_load: Array = field(default_factory=lambda: np.zeros(0), repr=False)

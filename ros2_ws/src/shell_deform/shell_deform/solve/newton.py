@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 ARC_LENGTH_BELOW = 1.0 / 32.0
 """Where pushes alone are prescribed, arc length takes over from smaller load steps."""
 
+LEAST_FILLED = 1e-6
+"""A share of its own pressures that every object stands: these may be stated much too large."""
+
 SNAPPED = 'the shell snaps and no state behind the snap was found'
 
 
@@ -55,8 +58,13 @@ class EquilibriumSolver(StepSolver):
             case.motions,
             case.grip_motions(len(self.model.grips)),
         )
-        still = np.array_equal(goal.grip_motion, first.grip_motion)
-        by_force = still and not case.padded.any() and not case.driven.any()
+        still = np.array_equal(goal.grip_motion, first.grip_motion) and first.filled == 1.0
+        pushed = np.any(goal.force != first.force) or np.any(goal.dead != first.dead)
+        by_force = still and pushed and not case.padded.any() and not case.driven.any()
+        smallest = ARC_LENGTH_BELOW if by_force else self.options.smallest_step
+        if first.filled < 1.0:
+            smallest = LEAST_FILLED
+        whole = self.model
         fraction, step = 0.0, 1.0
         iterations = factorisations = 0
         message = ''
@@ -70,19 +78,21 @@ class EquilibriumSolver(StepSolver):
             guess = predicted(present.history, control)
             if (along := self._carried_along(present, loads)) is not None:
                 guess = along
+            self.take(whole.filled(loads.filled))
             found = self.step(bordering, loads, present, guess)
             iterations += found.iterations
             factorisations += found.factorisations
             if found.converged:
                 passed = PathState(control, found.unknowns)
-                present = replace(found, history=(*present.history, passed)[-3:])
+                history = (*present.history, passed)[-3:]
+                present = replace(found, history=history, filled=loads.filled)
                 bordering = bordering.started(present)
                 fraction = trial
                 step *= 1.6
                 continue
             message = found.message
             step = 0.5 * (trial - fraction)
-            if step < (ARC_LENGTH_BELOW if by_force else self.options.smallest_step):
+            if step < smallest:
                 break
         done, end = fraction >= 1.0 - 1e-12, End.CARRIED
         if done and (wider := self.model.widened(present.displacement)) is not self.model:
@@ -92,18 +102,27 @@ class EquilibriumSolver(StepSolver):
             present, done, fraction, end = self._by_arc_length(bordering, present, goal, fraction)
         if not done:
             message = SNAPPED if end is End.SNAP else message
+        self.take(whole.filled(present.filled))
+        balanced = self._balanced(bordering, present, case)
+        negative = self._counted(bordering, present, case)
+        self.take(whole)
         return replace(
-            self._balanced(bordering, present, case),
+            balanced,
             converged=done,
             message='' if done else f'{message} (at {100 * fraction:.1f} % of the load case)',
             iterations=iterations,
             factorisations=factorisations,
             load_fraction=fraction,
             end=end if done or end is End.SNAP else End.LOST,
-            negative_modes=self.negative_modes(bordering, present)
-            if self.options.stability or (self.options.stability is None and case.padded.any())
-            else None,
+            negative_modes=negative,
         )
+
+    def _counted(self, bordering: Borders, state: Equilibrium, case: LoadCase) -> int | None:
+        """Negative modes where the options ask for them."""
+        wanted = self.options.stability
+        if wanted is None:
+            wanted = bool(case.padded.any())
+        return self.negative_modes(bordering, state) if wanted else None
 
     def _by_arc_length(
         self, bordering: Borders, present: Equilibrium, goal: StepLoads, fraction: float
@@ -169,6 +188,7 @@ class EquilibriumSolver(StepSolver):
             dead,
             np.zeros((len(case.contacts), 6)) if present.motion is None else present.motion,
             present.grip_motion,
+            filled=present.filled,
         )
 
     def _carried_along(self, present: Equilibrium, loads: StepLoads) -> Array | None:

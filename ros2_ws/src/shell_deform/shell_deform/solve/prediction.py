@@ -33,6 +33,7 @@ class StepLoads:
             [m], likewise. dead: (N,) other dead load [N]. motion: (k, 6) of rigid bodies beside
             their depth, grip_motion: (g, 6) of grips [m, rad]. target: where that moves the
             springs of what is held; None for nowhere, and until `StepSolver.aimed` knows.
+        filled: share of the model's own pressures, see `ShellModel.filled`.
     """
 
     force: Array
@@ -41,6 +42,7 @@ class StepLoads:
     motion: Array
     grip_motion: Array
     target: Array | None = None
+    filled: float = 1.0
 
     def towards(self, goal: StepLoads, fraction: float) -> StepLoads:
         """The loads at this fraction of the way to `goal`."""
@@ -50,6 +52,7 @@ class StepLoads:
             self.dead + fraction * (goal.dead - self.dead),
             between(self.motion, goal.motion, fraction),
             between(self.grip_motion, goal.grip_motion, fraction),
+            filled=self.filled + fraction * (goal.filled - self.filled),
         )
 
 
@@ -57,7 +60,7 @@ def control_of(case: LoadCase, loads: StepLoads) -> Array:
     """What is prescribed, as one vector along which a path can be continued."""
     prescribed = np.where(case.driven, loads.moved, loads.force)
     others = [prescribed, loads.motion.ravel(), loads.grip_motion.ravel()]
-    return np.concatenate([*others, [np.linalg.norm(loads.dead)]])
+    return np.concatenate([*others, [np.linalg.norm(loads.dead), loads.filled]])
 
 
 def predicted(path: Sequence[PathState], control: Array) -> Array | None:

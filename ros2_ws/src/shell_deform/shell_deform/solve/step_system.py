@@ -130,6 +130,7 @@ class StepSystem:
             0.0,
             0,
             0,
+            filled=0.0 if self.model.own_pressure else 1.0,
         )
         return replace(self.met(rest), shell=self.model.shell)
 

@@ -100,8 +100,10 @@ class Condensed:
     @property
     def reaction(self) -> Array:
         """(2 k, j) lateral forces of the fingers on the patches."""
-        lateral = self.held.reshape(-1, HELD_ROWS, self.held.shape[1])[:, :LATERAL_ROWS]
-        return -lateral.reshape(-1, self.held.shape[1])
+        rows, inputs = self.held.shape
+        count = rows // HELD_ROWS
+        lateral = self.held.reshape(count, HELD_ROWS, inputs)[:, :LATERAL_ROWS]
+        return -lateral.reshape(LATERAL_ROWS * count, inputs)
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,24 @@ def factorise_sprung(solver: EquilibriumSolver, tangent: Tangent) -> SprungFacto
     for dof in springs:
         matrix.data[diagonal_entry(matrix, int(dof))] += stiffness
     return SprungFactor(solver.factor(matrix), springs, stiffness, solver.model.floated)
+
+
+def grip_loads(model: ShellModel) -> Array:
+    """(N, 12 g) nodal forces of the grips' springs per number of `live.grip_motion.affine`."""
+    held = model.held
+    if held is None or not model.grips:
+        return np.zeros((model.start.size, 0))
+    still = 0 if model.supports is None else len(model.supports.stiffness)
+    count = sum(len(grip.rows.stiffness) for grip in model.grips)
+    targets = np.zeros((still + count, 12 * len(model.grips)))
+    for number, grip in enumerate(model.grips):
+        size = len(grip.rows.stiffness)
+        targets[still : still + size, 12 * number : 12 * number + 12] = grip.affine_targets(
+            model.rest
+        )
+        still += size
+    nowhere = np.zeros_like(model.start)
+    return np.stack([-held.force(nowhere, t).reshape(-1) for t in targets.T], axis=1)
 
 
 class CondensedSystem:
@@ -225,19 +245,7 @@ class CondensedSystem:
 
     def grip_columns(self, model: ShellModel) -> GripColumns:
         """What the grips of `model` do to all this."""
-        rows, held = self.rows, model.held
-        assert held is not None
-        still = 0 if model.supports is None else len(model.supports.stiffness)
-        count = sum(len(grip.rows.stiffness) for grip in model.grips)
-        targets = np.zeros((still + count, 12 * len(model.grips)))
-        for number, grip in enumerate(model.grips):
-            size = len(grip.rows.stiffness)
-            targets[still : still + size, 12 * number : 12 * number + 12] = grip.affine_targets(
-                model.rest
-            )
-            still += size
-        nowhere = np.zeros_like(model.start)
-        loads = np.stack([-held.force(nowhere, t).reshape(-1) for t in targets.T], axis=1)
+        rows, loads = self.rows, grip_loads(model)
         fields, multipliers = self.solve(
             loads, np.zeros((rows.constraints.shape[1], loads.shape[1]))
         )

@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 from shell_deform.contact.contact_field import ContactField, Press, Touch
 from shell_deform.grasp.reading import body_loads
 from shell_deform.grasp.touching import Standing
-from shell_deform.live.background.condensed import HELD_ROWS, LATERAL_ROWS, Condensed
+from shell_deform.live.background.condensed import (
+    HELD_ROWS,
+    LATERAL_ROWS,
+    Condensed,
+    GripColumns,
+    grip_loads,
+)
 from shell_deform.solve.borders import bordered, borders, negative_directions
 from shell_deform.solve.contact_step import touched_tangent
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase
@@ -38,12 +44,14 @@ class Touched:
         condensed: columns. rigid: (r,) amplitudes of the rigid motions there that nothing
             prevents. negative: directions of negative stiffness while pushes are given.
         standing: what wrenches do while all bodies stand still; None where these do not hold.
+        grips: what grips do.
     """
 
     condensed: Condensed
     rigid: Array
     negative: int
     standing: Standing | None
+    grips: GripColumns
 
     def stable(self, driven: NDArray[np.bool_]) -> bool:
         """Whether there are none while the depths of the `driven` (k,) bodies are given.
@@ -119,6 +127,10 @@ def condense(
     held = bordering.held.shape[1]
     r = _rigid_rows(bordering.held, solver.model.free_modes)
     loads, below, moved = _unit_inputs(motions, elastic, held, r)
+    inputs, by_grips = loads.shape[1], grip_loads(solver.model)
+    loads = np.concatenate([loads, by_grips], axis=1)
+    below = np.pad(below, ((0, 0), (0, by_grips.shape[1])))
+    moved = np.pad(moved, ((0, 0), (0, 0), (0, by_grips.shape[1])))
     eliminated = -depth @ (moved[pressing, 0] / corner[:, None])
     centre, wrenches = np.zeros(3), np.zeros((len(elastic), 0))
     if mass is not None:
@@ -130,29 +142,39 @@ def condense(
         np.concatenate([below, np.zeros((held, wrenches.shape[1]))], axis=1),
         refinements=0,
     )
-    inputs = loads.shape[1]
-    columns = _outputs(
-        motions, fields[:, :inputs], multipliers[:, :inputs], moved, corner, r, count
-    )
+    unit = loads.shape[1]
+    answers = _outputs(motions, fields[:, :unit], multipliers[:, :unit], moved, corner, r, count)
+    columns, grips = _part(answers, slice(0, inputs)), _part(answers, slice(inputs, unit))
     standing = None
     if mass is not None:
         # Bodies push as much more as brings them back to where they stand, what is rigid is
         # balanced.
         moving = [*pressing, *range(inputs - r - 1, inputs - 1)]
         by = np.concatenate([columns.displacement[pressing], columns.rigid_reaction])[:, moving]
-        away = (depth.T @ fields[:, inputs:]) / corner[:, None]
-        given = np.linalg.solve(by, np.concatenate([away, multipliers[held - r :, inputs:]]))
+        away = (depth.T @ fields[:, unit:]) / corner[:, None]
+        given = np.linalg.solve(by, np.concatenate([away, multipliers[held - r :, unit:]]))
         standing = Standing(
             centre,
             wrenches[: state.positions.size],
-            fields[:, inputs:] + fields[:, moving] @ given,
-            multipliers[:, inputs:] + multipliers[:, moving] @ given,
+            fields[:, unit:] + fields[:, moving] @ given,
+            multipliers[:, unit:] + multipliers[:, moving] @ given,
         )
     return Touched(
         columns,
         bordering.held[:, held - r :].T @ (state.unknowns - solver.model.start).reshape(-1),
         negative_directions(system, bordering),
         standing,
+        GripColumns(grips.fields, grips.displacement, grips.reaction, grips.rigid_reaction),
+    )
+
+
+def _part(columns: Condensed, which: slice) -> Condensed:
+    """Some of the columns."""
+    return Condensed(
+        columns.fields[:, which],
+        columns.displacement[:, which],
+        columns.held[:, which],
+        columns.rigid_reaction[:, which],
     )
 
 

@@ -41,9 +41,11 @@ from shell_deform.live.background.contact_tracking import Touch
 from shell_deform.live.background.energy_density import EnergyDensity
 from shell_deform.live.background.fingers import Finger, laid
 from shell_deform.live.background.grasp_response import fill_grasp
+from shell_deform.live.background.gripping import fill_grips
 from shell_deform.live.background.load_case import Load
 from shell_deform.live.background.rest_shell import RestShell
 from shell_deform.live.background.second_order import Columns, SecondOrder
+from shell_deform.live.background.self_crossing import SelfCrossing
 from shell_deform.live.background.small_loads import SmallLoads, small_loads, snap_margin
 from shell_deform.live.background.solving import LiveSolver
 from shell_deform.live.background.touch_cells import taxel_rows
@@ -51,7 +53,8 @@ from shell_deform.live.background.tracking import EquilibriumTracker
 from shell_deform.live.exchange import DRIVE_FORCE, MAX_CONTACTS, Slot
 from shell_deform.live.pose import Pose
 from shell_deform.model import ShellModel
-from shell_deform.solve.equilibrium import Equilibrium, LoadCase, forced
+from shell_deform.solve.equilibrium import Equilibrium, LoadCase, gripped
+from shell_deform.solve.first_touch import alone
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.solve.step_system import NewtonOptions
 
@@ -86,7 +89,8 @@ class Held:
 
     Attributes:
         fingers: by their numbers. state: the equilibrium. case: what it is under.
-        touched, columns: about it. doubt: error of frozen contacts per squared step [1/m].
+        touched, columns: about it. by_grips: (n, 3, 12 g) of the surface.
+        doubt: error of frozen contacts per squared step [1/m].
         grasp: its contacts; response: how they share out loads. wall: what the wall bears.
     """
 
@@ -95,6 +99,7 @@ class Held:
     case: LoadCase
     touched: Touched
     columns: Columns
+    by_grips: Array
     doubt: float
     grasp: GraspContacts
     response: Response
@@ -114,10 +119,9 @@ class FingertipSolver:
         self._energy_density = EnergyDensity(model)
         self._mass = body_mass(model)
         self._reader: WallReader | None = None
+        self._crossing = SelfCrossing(model)
         self._second = SecondOrder(len(model.rest), self._wall)
-        self._unloaded = self._solver.rest()
-        if model.gas.is_sealed and model.gas.gauge_pressure or model.pressure:
-            self._unloaded = self._solver.solve(forced((), []))
+        self._unloaded = alone(self._solver)
         self._held: Held | None = None
         self._load: Load | None = None
         self._pose: Pose | None = None
@@ -130,7 +134,7 @@ class FingertipSolver:
         self.is_awaited: Callable[[], bool] = lambda: False
         self.rest_grips = self.pins.rest_grips
         self.turning = False
-        """Grips do not move while fingertips press."""
+        """Columns belong to every answer, whether grips move or not."""
 
     @property
     def tracker(self) -> EquilibriumTracker:
@@ -219,9 +223,14 @@ class FingertipSolver:
 
     def _answered(self, load: Load, touches: list[Touch]) -> Held:
         """The answer to a load case from the last one."""
-        fingers, state, anew = self._met(touches, load.friction)
+        fingers, state, anew = self._met(touches, load)
         case = self._case(load, fingers)
         found = self._solver.solve(case, state)
+        gripping = self.pins.gripping
+        if gripping is not None:
+            torn = gripping.tears(self._solver.model, found.unknowns, found.grip_motion)
+            if torn:
+                raise ValueError(torn)
         self.share, self.message = found.load_fraction, found.message
         found = replace(found, converged=True, message='')
         found = replace(found, touches=touches_of(self._solver, case, found))
@@ -248,10 +257,11 @@ class FingertipSolver:
         if anew or self._reader is None:
             self._reader = wall_reader(model, case.contacts)
         wall = self._reader.at(found.unknowns, found.force, found.displacement)
-        return Held(fingers, found, case, touched, columns, doubt, grasp, response, wall)
+        by_grips = model.surface.limit_fields(touched.grips.fields)
+        return Held(fingers, found, case, touched, columns, by_grips, doubt, grasp, response, wall)
 
     def _met(
-        self, touches: list[Touch], friction: float
+        self, touches: list[Touch], load: Load
     ) -> tuple[tuple[Finger, ...], Equilibrium, bool]:
         """Fingers where they report, the last state seen with them, and whether they are others.
 
@@ -259,7 +269,8 @@ class FingertipSolver:
         """
         held = self._held
         known = {} if held is None else {finger.number: finger for finger in held.fingers}
-        state = self._unloaded if held is None else held.state
+        state = self._untouched_by(load) if held is None else held.state
+        friction = load.friction
         fingers, places = [], []
         for touch in touches:
             old = known.get(touch.finger)
@@ -275,6 +286,16 @@ class FingertipSolver:
         if not stay:
             state = self._with_contacts(tuple(fingers), places, state)
         return tuple(fingers), state, not stay
+
+    def _untouched_by(self, load: Load) -> Equilibrium:
+        """The shell before any body touches it, its grips where they are. Raises ValueError."""
+        motions = load.grips[: len(self.model.grips)]
+        if not motions.any():
+            return self._unloaded
+        found = self._solver.solve(gripped(motions), self._unloaded)
+        if not found.converged:
+            raise ValueError(f'the grips lead nowhere: {found.message}')
+        return found
 
     def _with_contacts(
         self, fingers: tuple[Finger, ...], places: list[int], state: Equilibrium
@@ -322,6 +343,7 @@ class FingertipSolver:
             np.where(np.isfinite(depth), np.nan, push),
             depth,
             motion=np.array([finger.motion for finger in fingers]),
+            grip_motion=load.grips[: len(self.model.grips)],
         )
 
     def _columns(
@@ -366,6 +388,10 @@ class FingertipSolver:
         """Second order of the way here, and by how much frozen contacts missed its end [1/m]."""
         if last is None:
             return FIRST_DOUBT / self._wall
+        if not np.array_equal(case.grip_motion, last.case.grip_motion):  # type: ignore[arg-type]
+            # What bent the way here was no body's step alone.
+            self._second.forget()
+            return last.doubt
         steps = columns.displacement - last.columns.displacement
         change = case.motions - last.case.motions
         halves = np.array([finger.carried.size for finger in fingers])
@@ -409,6 +435,7 @@ class FingertipSolver:
                 'generation': self.pins.generation,
                 'share': self.share,
                 'stable': int(held.touched.stable(held.case.driven)),
+                'crosses': int(self._crossing.found(state.positions, self._load.stamp)),
                 'snap_margin': snap_margin(self._small, condensed.displacement[:, :count]),
                 'energy': state.energy,
                 'rest_energy': self._unloaded.energy,
@@ -453,6 +480,10 @@ class FingertipSolver:
         )
         write(slot, answer, self._wall)
         fill_grasp(slot.record, held.response, held.wall)
+        if self.pins.gripping is not None:
+            told = state.grip_pose, state.grip_wrench
+            fill_grips(slot, state.grip_motion, told, held.touched.grips, held.by_grips)
+            slot.record['grip_bend'] = self.pins.gripping.bend
         if slot.outer is not None and slot.outer_slope is not None:
             slot.outer[:] = self._solver.model.shell.outer_face(state.unknowns) - answer.surface
             slot.outer_slope[:] = 0.0

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from shell_deform.live.background.condensed import GripColumns
 from shell_deform.live.background.tracking import EquilibriumTracker
-from shell_deform.live.exchange import MAX_GRIPS
+from shell_deform.live.exchange import MAX_GRIPS, Slot
 from shell_deform.live.grip_motion import AFFINE, Followed, GripPlan, followed
 from shell_deform.model import ShellModel
 from shell_deform.readout import TORN_STRAIN, principal, read_out
@@ -82,18 +82,45 @@ class Gripping:
             model.grips, model.rest, tracker.positions, reaction, state.grips
         )
 
+    def fill(self, slot: Slot) -> None:
+        """Write what the grips do at the tracker's state, and what they would do to the rest."""
+        assert self.columns is not None
+        motions, answered = self._tracker.state.grips, self.answered()
+        fill_grips(slot, motions, answered, self.columns, self.limit_columns)
+        slot.record['grip_bend'] = self.bend
+
     def torn(self) -> str:
         """What the grips do to the object that no wall stands, or ''."""
         tracker = self._tracker
-        way = followed(self.plan, np.zeros_like(tracker.state.grips), tracker.state.grips,
-                       self.size, True)  # fmt: skip
+        return self.tears(tracker.model, tracker.unknowns, tracker.state.grips)
+
+    def tears(self, model: ShellModel, unknowns: Array, motions: Array) -> str:
+        """The same of a state with the grips at `motions` (g, 6)."""
+        way = followed(self.plan, np.zeros_like(motions), motions, self.size, True)
         if way.step < LOOK_FOR_TEARS:
             return ''
-        faces = read_out(tracker.model, tracker.unknowns)
+        faces = read_out(model, unknowns)
         strain = max(float(principal(e).max()) for e in (faces.outer_strain, faces.inner_strain))
         if strain <= TORN_STRAIN:
             return ''
         return f'the grips tear the object apart: its wall is stretched by {100 * strain:.0f} %'
+
+
+def fill_grips(
+    slot: Slot, motions: Array, answered: tuple[Array, Array], columns: GripColumns, limit: Array
+) -> None:
+    """Write `motions` (g, 6), poses and wrenches `answered` (g, 6), columns, `limit` (n, 3, 12 g).
+
+    How far the columns reach is left for who knows it.
+    """
+    record = slot.record
+    g, (k, a), r = len(motions), columns.displacement.shape, len(columns.rigid_reaction)
+    record['grip'][:g] = motions
+    record['grip_pose'][:g], record['grip_wrench'][:g] = answered
+    record['displacement_by_grip'][:k, :a] = columns.displacement
+    record['reaction_by_grip'][: 2 * k, :a] = columns.reaction
+    record['rigid_by_grip'][:r, :a] = columns.rigid_reaction
+    slot.grips[:] = limit
 
 
 def plan_of(model: ShellModel) -> GripPlan:

@@ -27,13 +27,15 @@ from shell_deform.live.background.outer_field import OuterField, unmodelled
 from shell_deform.live.background.placement import Placement, place
 from shell_deform.live.background.rest_shell import RestShell, largest_curl
 from shell_deform.live.background.second_order import Columns, SecondOrder
+from shell_deform.live.background.self_crossing import SelfCrossing
 from shell_deform.live.background.small_loads import SmallLoads, small_loads, snap_margin
 from shell_deform.live.background.tracked_state import Target
 from shell_deform.live.background.tracking import EquilibriumTracker, TrackingOptions
 from shell_deform.live.exchange import DRIVE_FORCE, MAX_CONTACTS, MAX_RIGID, Slot
-from shell_deform.live.grip_motion import AFFINE
 from shell_deform.live.pose import IDENTITY, Pose
 from shell_deform.model import ShellModel
+from shell_deform.solve.first_touch import alone
+from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.theory import THICK
 
 Array = NDArray[np.float64]
@@ -63,7 +65,7 @@ class LiveSolver:
         self.model = model
         self.tracker = EquilibriumTracker(model, options or LIVE)
         self.contacts = ContactTracker(model, model.rest)
-        self._gripping = Gripping(self.tracker) if model.grips else None
+        self.gripping = Gripping(self.tracker) if model.grips else None
         self._wall = float(model.shell.thickness.mean())
         self._energy_density = EnergyDensity(model)
         self._size = len(model.rest)
@@ -84,6 +86,7 @@ class LiveSolver:
         self._placement: Placement | None = None
         self._feet = outer_feet(model, ())
         self._grasp = GraspResponse(model)
+        self._crossing = SelfCrossing(model)
         self.share = 1.0
         self.seconds = 0.0
         self.turning = False
@@ -104,18 +107,20 @@ class LiveSolver:
         self.unloaded_outer: Array | None = None
         if self._face is not None:
             self.unloaded_outer = self.unloaded_surface + self._face.offset()
-        if self._gripping is not None:
-            self._take_grip_columns(self._gripping)
-        self.rest_grips = self._gripping.limit_columns if self._gripping is not None else 0.0
+        if self.gripping is not None:
+            self._take_grip_columns(self.gripping)
+        self.rest_grips = self.gripping.limit_columns if self.gripping is not None else 0.0
 
     def _unload(self) -> None:
-        """Go to equilibrium without contacts: not the given shape where gas is under pressure."""
+        """Go to equilibrium without contacts: not the given shape where it is under pressure.
+
+        Raises FirstTouchError where it cannot stand under that.
+        """
         rows = contact_rows(self.model, ())
         self.tracker.reset()
         self.tracker.set_contacts(rows, np.zeros(0))
-        if self.model.gas.is_sealed and self.model.gas.gauge_pressure or self.model.pressure:
-            present = self.tracker.present(np.zeros(0, bool))
-            self.tracker.advance(present)
+        if self.model.own_pressure:
+            self.tracker.start_from(alone(EquilibriumSolver(self.model)))
         self._new_generation(rows)
 
     def warm_up(self) -> None:
@@ -166,7 +171,7 @@ class LiveSolver:
                 self._let_go()
                 self._lay(touches)
                 self.share = self.tracker.advance(self._target(load, touches, {}))
-            if self._gripping is not None and (torn := self._gripping.torn()):
+            if self.gripping is not None and (torn := self.gripping.torn()):
                 self.tracker.message, self.share = torn, 0.0
                 if len(good.moved) == len(self.tracker.state.moved):
                     self.tracker.state = good
@@ -264,15 +269,15 @@ class LiveSolver:
         if self._small is not None and not len(self._second.direction):
             self._bend_from_rest(self._small)
         step = 0.0
-        if self._gripping is not None and self._gripping.left(tracker.state.grips):
+        if self.gripping is not None and self.gripping.left(tracker.state.grips):
             # What bent the way here was no contact's step alone.
             self._second.direction = np.zeros(0)
         elif old is not None:
             step = self._second.along(old, self._columns, self._driven(self._load))
         if self._face is not None:
             self._face.refined(step)
-        if self._gripping is not None:
-            self._take_grip_columns(self._gripping)
+        if self.gripping is not None:
+            self._take_grip_columns(self.gripping)
         self._grasp.renew(tracker, self._feet, self._condensed, moved=True)
         return True
 
@@ -299,10 +304,11 @@ class LiveSolver:
         contacts = self.contacts.contacts
         answer = Answer(
             numbers={
-                'stamp': self._load.stamp if self._load is not None else 0,
+                'stamp': self._stamp,
                 'generation': self.generation,
                 'share': self.share,
                 'stable': int(system.negative_modes_driven(self._driven(self._load)) == 0),
+                'crosses': int(self._crossing.found(positions, self._stamp)),
                 'snap_margin': snap_margin(self._small, system.compliance),
                 'energy': tracker.state.energy,
                 'rest_energy': self._unloaded_state.energy,
@@ -344,13 +350,17 @@ class LiveSolver:
         )
         write(slot, answer, self._wall)
         self._grasp.fill(slot.record)
-        if self._gripping is not None:
-            _fill_grips(slot, self._gripping, tracker.state.grips, rows)
+        if self.gripping is not None:
+            self.gripping.fill(slot)
         if self._face is not None and slot.outer is not None and slot.outer_slope is not None:
             slot.unmodelled[:] = unmodelled(
                 self.unloaded_surface, self._wall, self.contacts.patches, present.displacement
             )
             slot.outer[:], slot.outer_slope[:] = self._face.offset(), self._face.slope
+
+    @property
+    def _stamp(self) -> int:
+        return self._load.stamp if self._load is not None else 0
 
     def _rows(self) -> ContactRows:
         assert self.tracker.rows is not None
@@ -485,17 +495,3 @@ class LiveSolver:
         if self.model.free_modes.shape[1] < MAX_RIGID or not self.contacts.contacts:
             return IDENTITY
         return carried(self.unloaded_surface, surface, self._energy_density.areas)
-
-
-def _fill_grips(slot: Slot, gripping: Gripping, motions: Array, rows: ContactRows) -> None:
-    """Write what the grips do, and what they would do to the rest."""
-    record, columns = slot.record, gripping.columns
-    assert columns is not None
-    g, k, r = len(motions), rows.contacts, rows.left.shape[1]
-    record['grip'][:g] = motions
-    record['grip_pose'][:g], record['grip_wrench'][:g] = gripping.answered()
-    record['grip_bend'] = gripping.bend
-    record['displacement_by_grip'][:k, : AFFINE * g] = columns.displacement
-    record['reaction_by_grip'][: 2 * k, : AFFINE * g] = columns.reaction
-    record['rigid_by_grip'][:r, : AFFINE * g] = columns.rigid_reaction
-    slot.grips[:] = gripping.limit_columns

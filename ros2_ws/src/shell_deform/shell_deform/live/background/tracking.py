@@ -26,7 +26,7 @@ from shell_deform.live.background.condensed import (
 from shell_deform.live.background.tracked_state import State, Target
 from shell_deform.model import ShellModel, Tangent
 from shell_deform.solve.anderson import AndersonMixing
-from shell_deform.solve.equilibrium import PathState
+from shell_deform.solve.equilibrium import Equilibrium, PathState
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.solve.prediction import predicted
 from shell_deform.supports.grips import carried_as_one, longest_share
@@ -124,14 +124,21 @@ class EquilibriumTracker:
         """(n, 3) control points of the present state."""
         return self.unknowns[: len(self.model.rest)]
 
+    def start_from(self, found: Equilibrium) -> None:
+        """Go on from an equilibrium without contacts."""
+        self._go_on_at(self.model.shell.continued(found.shell or self.model.shell, found.unknowns))
+
     def take(self, model: ShellModel) -> None:
         """Go on, in the present shape, with this model of the same shell under other contacts."""
         if model is self.model:
             return
         unknowns = model.shell.continued(self.model.shell, self.unknowns)
         self._use(model)
+        self._go_on_at(unknowns)
+
+    def _go_on_at(self, unknowns: Array) -> None:
         energy, gradient, missing = self._balance(unknowns, self.state.grips)
-        moved = (unknowns - model.start).reshape(-1)
+        moved = (unknowns - self.model.start).reshape(-1)
         self.state = replace(
             self.state, moved=moved, energy=energy, gradient=gradient, missing=missing
         )

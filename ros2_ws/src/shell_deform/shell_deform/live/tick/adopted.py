@@ -71,6 +71,8 @@ class Adopted:
         self.stress_doubt = float(record['stress_doubt'])
         self.share = float(record['share'])
         self.stable = bool(record['stable'])
+        self.crosses = bool(record['crosses'])
+        """Whether the surface passes through itself."""
         self.snap_margin = float(record['snap_margin'])
         self.reach = record['reach'][:k].copy()
         self.frame = record['frame'][:k].copy()
@@ -143,10 +145,14 @@ class Adopted:
         size = float(np.ptp(self.slot.surface, axis=0).max())
         alone = not len(self.fingers)
         way = followed(poses.plan, self.grips, poses.motion, size, alone)
-        self.surface = way.carried(self.slot.surface + self.slot.grips @ way.inputs)
+        moved = self.slot.grips @ way.inputs
+        self.surface = way.carried(self.slot.surface + moved)
         self.turn = way.turn
         self.normals = np.ascontiguousarray(self.slot.normals @ way.turn.T)
         self.doubt = self._bend_by_grips * way.step**2
+        if self.carries:
+            # The bodies stand: where they slip on it, the wall under them does not go along.
+            self.doubt += float(np.linalg.norm(moved, axis=1).max())
         displacement_by, reaction_by, rigid_by = self._by_grips
         still = self._still
         self.response = still._replace(

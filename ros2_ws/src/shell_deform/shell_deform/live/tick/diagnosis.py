@@ -14,6 +14,11 @@ from shell_deform.live.tick.states import LiveState
 
 CONTRADICTION_LIMIT = 3.0
 
+CROSSES = (
+    'the wall passes through itself: it has collapsed, and its sides are not held apart here; the '
+    'surface that is served is none that the object can have'
+)
+
 TAKING_UP = 'taking up the contacts: until their equilibrium is found linear theory answers'
 
 
@@ -56,6 +61,8 @@ def judge(condition: Condition) -> tuple[str, str]:
         return 'warn', f'force and motion contradict: {served.suspect}'
     if served is not None and served.taking_up and condition.state.is_served:
         return 'warn', TAKING_UP
+    if adopted is not None and adopted.crosses:
+        return 'warn', CROSSES
     if adopted is not None and adopted.share < 1.0:
         return 'warn', f'the last load case is not carried: {adopted.message}'
     if estimator.hold is not None and (beyond := estimator.hold.law.beyond(estimator.hold.oldest)):
@@ -99,6 +106,7 @@ def values(condition: Condition, now: float) -> dict[str, object]:
         result['background solve [ms]'] = 1e3 * float(adopted.slot.record['seconds'])
         result['load carried'] = adopted.share
         result['stable'] = adopted.stable
+        result['passes through itself'] = adopted.crosses
         result['object pose'] = ' '.join(f'{v:.5g}' for v in adopted.pose.numbers)
         result['background says'] = adopted.message
     if served is not None:

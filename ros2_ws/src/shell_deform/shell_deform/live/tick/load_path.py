@@ -3,9 +3,9 @@
 
 Friction has memory: what a grasp is depends on how it came there, so no load case may be
 overtaken. They are thinned along their path instead. A sample becomes a load case where a finger
-has moved by a step since the last one, where the way turns back, and where fingers touch or let
-go: a rule that knows lengths and no times, so that a grasp played slowly or fast is the same. What
-still waits when all have let go is given up: the next grasp does not depend on it.
+or a grip has moved by a step since the last one, where the way turns back, and where fingers touch
+or let go: a rule that knows lengths and no times, so that a grasp played slowly or fast is the
+same. What still waits when all have let go is given up: the next grasp does not depend on it.
 """
 
 from __future__ import annotations
@@ -105,8 +105,11 @@ class LoadPath:
             or first['drive'] != second['drive']
         ):
             return float(np.inf)
+        held = np.abs(second['grip'] - first['grip']).reshape(-1, 2, 3)
+        shifts, turns = np.linalg.norm(held, axis=2).T
+        carried = float((shifts + self.reach * turns).max()) / self.step
         if not count:
-            return 0.0
+            return carried
         poses = [_pose(request) for request in (first, second)]
         places, normals, along = (
             [view(pose, touch) for pose, touch in zip(poses, (one, other), strict=True)]
@@ -118,7 +121,7 @@ class LoadPath:
         forced = ~(np.isfinite(one['travel']) & np.isfinite(other['travel']))
         forced |= int(first['drive']) == DRIVE_FORCE
         pushes = np.where(forced, np.abs(other['force'] - one['force']) / FORCE_STEP, 0.0)
-        return float(np.maximum(ways / self.step, pushes).max())
+        return max(carried, float(np.maximum(ways / self.step, pushes).max()))
 
 
 def _pose(request: np.void) -> Pose:

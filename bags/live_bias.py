@@ -12,6 +12,8 @@ what a wall with a thickness leaves. `--compliance-m-per-n` shows what a thin wa
 shear dent taken from the travel as the stretch of a tendon is, and the modulus of the solid, the
 bias that is left is that of bending alone. With `--true-contacts` the hand makes no error: places,
 travels and forces of the contacts are the solid's own, and what is left is the theory's alone.
+With `--true-places` travels and forces are what the hand measured, and what comes on top is
+theirs; what then is still missing comes from where the hand believes object and fingers to be.
 
 The recording with a slip is left out, since its truth does not say where the pins hold, and the
 fast squeeze, which is not scanned while it is held.
@@ -39,6 +41,7 @@ from shell_deform.live.tick.rehearsal import Rehearsal
 from shell_deform.live.tick.sample import ContactSample
 from shell_deform.node.parameters import PARAMETERS, settings
 from shell_deform.objects import load_object
+from shell_deform.theory import DEFAULT_THEORY
 
 Array = NDArray[np.float64]
 
@@ -50,6 +53,8 @@ SAMPLES_PER_REFRESH = 10
 PARTS = 20
 NINETY = 1.645
 DENT = 0.1
+PLACES, CONTACTS = 'places', 'contacts'
+"""What of the contacts may be the solid's own: places alone, or travels and forces, too."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +109,7 @@ class Wall:
 class Playing:
     """A recording that is played through tick and solver."""
 
-    def __init__(self, name: str, wall: Wall, true_contacts: bool) -> None:
+    def __init__(self, name: str, wall: Wall, true: str) -> None:
         folder = BAGS / name
         self.setting = EXPERIMENTS[name].setting()
         self.rows = read_experiment(folder)
@@ -116,8 +121,9 @@ class Playing:
         values['tendon_compliance'] = wall.compliance
         self.live = Rehearsal(model, settings(values))
         self.pins = object_contacts(self.shell, model)
-        self._true = true_contacts
+        self._true = true
         self._reached, self._number = 0.0, 0
+        self._error = np.zeros((2, len(self.pins)))
 
     def served(self, stamp: int, row: dict) -> Served:
         """What is served at a held scan."""
@@ -138,16 +144,30 @@ class Playing:
         samples = self.recording.samples
         recorded = samples[int(np.searchsorted([one.stamp for one in samples], stamp))]
         pose, live = pose_of(row['object_pose']), self.live
-        for force in np.linspace(self._reached, row['force_n'], PARTS + 1)[1:]:
-            sample = self._true_sample(recorded, pose, float(force))
+        reached, self._reached = self._reached, float(row['force_n'])
+        before, after = self._error, self._error
+        if self._true == PLACES:
+            whole = self._true_sample(recorded, pose, self._reached, 0.0 * before)
+            seen = recorded.rows(recorded.touching)
+            after = np.array([seen.travel - whole.travel, seen.push - whole.push])
+        for share in np.linspace(0.0, 1.0, PARTS + 1)[1:]:
+            force = reached + share * (self._reached - reached)
+            error = before + share * (after - before)
+            sample = self._true_sample(recorded, pose, force, error)
             live.estimator.pose = pose
             live.tick(sample)
             live.refresh()
-        self._reached = row['force_n']
+        self._error = after
         return live.settle(sample)
 
-    def _true_sample(self, recorded: ContactSample, pose: Pose, force: float) -> ContactSample:
-        """The recorded sample with the places, travels and forces of the solid."""
+    def _true_sample(
+        self, recorded: ContactSample, pose: Pose, force: float, error: Array
+    ) -> ContactSample:
+        """The recorded sample with the places of the solid, and its travels and forces.
+
+        `error` (2, k): what the hand measures too much of both [m], [N]; its sigmas stay where
+        they are not the solid's.
+        """
         touching = recorded.rows(recorded.touching)
         axes = np.array([pin.axis for pin in self.pins])
         outside = np.array([pin.point for pin in self.pins]) - 0.5 * self.shell.thickness_m * axes
@@ -155,15 +175,18 @@ class Playing:
         pin = cKDTree(outside).query(seen)[1]
         travel = self.setting.truth.outer_displacement(force)
         normal = axes[pin] @ pose.rotation.T
-        count, known = len(pin), np.full(len(pin), 1e-3)
+        known = np.full(len(pin), 1e-3)
+        sigmas = (known, 1e-3 * known)
+        if self._true == PLACES:
+            sigmas = (touching.sigma_normal, touching.sigma_travel)
         return replace(
             touching,
             point=(outside[pin] + travel * axes[pin]) @ pose.rotation.T + pose.translation,
             normal=normal,
-            force=force * normal,
-            sigma_normal=known,
-            travel=np.full(count, travel),
-            sigma_travel=1e-3 * known,
+            force=(force + error[1])[:, None] * normal,
+            travel=travel + error[0],
+            sigma_normal=sigmas[0],
+            sigma_travel=sigmas[1],
         )
 
 
@@ -179,12 +202,12 @@ def outer_face(live: Rehearsal, served: Served, thickness: float) -> tuple[Array
     return packed, packed[:, :3] + 0.5 * thickness * outward
 
 
-def differences(name: str, wall: Wall = Wall(), true_contacts: bool = False) -> list[Difference]:
+def differences(name: str, wall: Wall = Wall(), true: str = '') -> list[Difference]:
     """Play a recording through tick and solver; one difference per held scan.
 
-    `true_contacts`: the solid's own, instead of what the hand told of them.
+    `true`: what is the solid's own, PLACES or CONTACTS, instead of what the hand told of them.
     """
-    playing = Playing(name, wall, true_contacts)
+    playing = Playing(name, wall, true)
     live, setting = playing.live, playing.setting
     scans = yaml.safe_load((BAGS / name / 'truth.yaml').read_text())['scans']
     held = {one.stamp: row for one, row in zip(playing.rows.scans, scans, strict=True) if one.held}
@@ -243,11 +266,19 @@ def main() -> int:
     parser.add_argument('recording', nargs='*', default=names, help=f'of {", ".join(names)}')
     parser.add_argument('--young-modulus-pa', type=float, help="instead of the object file's")
     parser.add_argument('--compliance-m-per-n', type=float, default=0.0, help='of the wall')
-    parser.add_argument('--theory', default='koiter', help='of the wall (default %(default)s)')
-    parser.add_argument('--poisson-ratio', type=float, help="instead of the object file's")
     parser.add_argument(
-        '--true-contacts', action='store_true', help='places, travels and forces of the solid'
+        '--theory', default=DEFAULT_THEORY, help='of the wall (default %(default)s)'
     )
+    parser.add_argument('--poisson-ratio', type=float, help="instead of the object file's")
+    true = parser.add_mutually_exclusive_group()
+    true.add_argument(
+        '--true-contacts', dest='true', action='store_const', const=CONTACTS, default='',
+        help='places, travels and forces of the solid',
+    )  # fmt: skip
+    true.add_argument(
+        '--true-places', dest='true', action='store_const', const=PLACES, default='',
+        help='places of the solid, travels and forces of the hand',
+    )  # fmt: skip
     options = parser.parse_args()
     wanted = options.recording
     unknown = sorted(set(wanted) - set(names))
@@ -266,7 +297,7 @@ def main() -> int:
         options.compliance_m_per_n,
     )
     for name in wanted:
-        for one in differences(name, wall, options.true_contacts):
+        for one in differences(name, wall, options.true):
             print(f'| {name} | {shown(one)} |', flush=True)
             covered.append(np.abs(one.served) <= NINETY * one.sigma)
     print(f'\nin the 90 % band of sigma: {100 * np.concatenate(covered).mean():.1f} % of vertices')

@@ -46,7 +46,7 @@ NODES = {
         'initialize_on_start:=true',
         f'emulator_object:={BALL}',
     ),
-    'deformation': ('object:=tennis_ball', 'placement:=first_touch'),
+    'deformation': ('object:=tennis_ball', 'placement:=first_touch', 'theory:=koiter'),
     'scan_compare': ('object:=tennis_ball',),
     'grasp_view': ('port:=8975',),
 }

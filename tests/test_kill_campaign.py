@@ -77,7 +77,7 @@ def test_a_node_that_is_ended_at_any_moment_leaves_nothing(
 
 WITH_CHILDREN = {
     'hand_bridge': (('backend:=emulator', 'initialize_on_start:=true'), 'hand/contacts'),
-    'deformation': (('placement:=first_touch',), 'deformation/nonlinear_age'),
+    'deformation': (('placement:=first_touch', 'theory:=koiter'), 'deformation/nonlinear_age'),
     'scan_compare': (('object:=tennis_ball',), ''),
     'grasp_view': (('what_if:=true', 'port:=8976'), '/what_if/deformation/nonlinear_age'),
 }

@@ -28,7 +28,7 @@ REACHES_ALL = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # What every node listens to by itself, and what only a player of bags sends.
 NOT_OURS = ('/parameter_events', '/clock')
 NODES = {
-    'deformation': ((), 'serving'),
+    'deformation': (('theory:=koiter',), 'serving'),
     'hand_bridge': (('backend:=emulator', 'arm:=pose'), 'connected'),
     'scan_compare': (('object:=tennis_ball',), ''),
     'grasp_view': (('port:=8973',), 'page ready'),

@@ -134,7 +134,8 @@ def test_two_hands_feel_two_objects_at_once_and_hear_nothing_of_each_other(
 
     for side, shell in OBJECTS.items():
         start(
-            'deformation', '--ros-args', '-r', f'__ns:=/{side}', '-p', f'object:={shell}'
+            'deformation', '--ros-args', '-r', f'__ns:=/{side}', '-p', f'object:={shell}',
+            '-p', 'theory:=koiter',
         )  # fmt: skip
     left = hand('left')
     wait_until(lambda: cell.hear().surfaces['left'], 60.0, lambda: left.text)

@@ -23,6 +23,7 @@ HANDLE_M = 3.5e-3
 GIVEN_FRICTION = 0.5
 """What the solver starts with."""
 THEORIES = ('koiter', 'auto', 'thick', 'paper')
+"""The thin wall first: a dragged finger lays the pins of a thick one anew, half a second each."""
 
 
 @dataclass(frozen=True)

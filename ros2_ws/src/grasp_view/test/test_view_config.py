@@ -73,7 +73,7 @@ def test_the_real_nodes_publish_these_topics_with_these_types_and_fields(
     start, domain_id: int, wait_until
 ) -> None:
     ball = ('--ros-args', '-p', 'object:=tennis_ball')
-    start('deformation', *ball).wait_for('serving', 120)
+    start('deformation', *ball, '-p', 'theory:=koiter').wait_for('serving', 120)
     start('scan_compare', *ball)
     start('replay', ROOT / 'bags' / 'tennis_ball_two_finger', '--loop')
     context = Context()

@@ -40,8 +40,8 @@ def test_everything_promised_is_there_and_documented_and_nothing_else():
 @pytest.mark.parametrize(
     ('name', 'theory'), [('tennis_ball', 'thick'), ('half_soda_can', 'koiter')]
 )
-def test_auto_takes_the_theory_that_the_wall_needs_and_tells_why(name, theory):
-    shell = shell_deform.load(name, theory='auto', control_vertices=150)
+def test_where_nobody_chooses_the_wall_takes_the_theory_it_needs_and_tells_why(name, theory):
+    shell = shell_deform.load(name, control_vertices=150)
     assert shell.model.theory == theory
     assert str(shell).startswith(f'{name}: {theory} theory (the wall is ')
     assert 'too stiff (limit 2 %)' in shell.model.reason

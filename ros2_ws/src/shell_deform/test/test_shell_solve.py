@@ -68,7 +68,8 @@ def test_a_malformed_sweep_is_a_usage_error(sweep):
 
 def test_mesh_and_picture_are_written(tmp_path, capsys):
     mesh, picture = tmp_path / 'ball.ply', tmp_path / 'ball.png'
-    command = ['--object', 'tennis_ball', '--vertices', '250', '--force', '5']
+    command = ['--object', 'tennis_ball', '--theory', 'koiter', '--vertices', '250']
+    command += ['--force', '5']
     assert shell_solve.main([*command, '--mesh', str(mesh), '--picture', str(picture)]) == 0
     assert mesh.read_bytes().startswith(b'ply')
     assert picture.read_bytes().startswith(b'\x89PNG')
@@ -86,8 +87,8 @@ def test_rows_that_converged_are_printed_before_the_sentence_that_says_where_it_
     assert captured.err.strip().endswith(result['message'])
 
 
-def test_headings_keep_their_units_and_rest_is_plain_zero(capsys):
-    command = ['--object', 'tennis_ball', '--theory', 'auto', '--vertices', '250']
+def test_headings_keep_their_units_and_the_theory_that_nobody_chose_is_told(capsys):
+    command = ['--object', 'tennis_ball', '--vertices', '250']
     assert shell_solve.main([*command, '--displacement-sweep', '0:0.001:1']) == 0
     told, notes = capsys.readouterr()
     assert 'thick theory' in told
@@ -155,7 +156,8 @@ def test_contacts_of_the_command_line_take_the_place_of_those_of_the_file(capsys
         ('--contact', '0,0,0.0325', '--contact', '0,0,-0.0325'),
         ('--contact', '-0.0325,0,0,0.003', '--contact', '0.0325,0,0,0.003'),
     ):
-        words = ['--object', 'tennis_ball', '--vertices', '300', *contacts, '--json']
+        words = ['--object', 'tennis_ball', '--theory', 'koiter', '--vertices', '300']
+        words += [*contacts, '--json']
         assert shell_solve.main([*words, '--displacement-sweep', '0:5e-4:1']) == 0
         forces.append(json.loads(capsys.readouterr().out)['points'][-1]['force_n'])
     assert forces[1] == pytest.approx(forces[0], rel=0.01)

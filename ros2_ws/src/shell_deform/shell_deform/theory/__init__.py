@@ -55,7 +55,7 @@ THICK = 'thick'
 AUTO = 'auto'
 """`thick` where a thin wall would be off by more than `thin_wall.WORTH_A_THICK_WALL`."""
 
-DEFAULT_THEORY = KOITER
+DEFAULT_THEORY = AUTO
 """What nodes, commands and `load` solve by where nobody chooses."""
 
 THEORY_NAMES = (*sorted(THEORIES), THICK)

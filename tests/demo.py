@@ -119,7 +119,8 @@ def live(bag: Path, rate: float) -> dict[str, int]:
     executor = SingleThreadedExecutor()
     executor.add_node(listener)
     nodes = [
-        _start('deformation', parameters, logs),
+        # Two cores carry four processes here: the thin wall is refreshed several times as often.
+        _start('deformation', [*parameters, '-p', 'theory:=koiter'], logs),
         _start('scan_compare', parameters, logs),
     ]
     processes = list(nodes)

@@ -16,6 +16,7 @@ from grasp_view.replay_panel import STEPS
 
 ROOT = Path(__file__).resolve().parents[4]
 BAG = ROOT / 'bags' / 'tennis_ball_two_finger'
+THIN_BALL = ('--ros-args', '-p', 'object:=tennis_ball', '-p', 'theory:=koiter')
 # The deepest hold of the recording, and a time before the first touch (its README).
 DEEPEST_S, LENGTH_S = 20.3, 26.59
 
@@ -25,7 +26,7 @@ def test_the_recorded_ball_is_dragged_to_its_deepest_dent_and_back(
     start, view, tab, heard, port: int, wait_until
 ) -> None:
     page = view()
-    start('deformation', '--ros-args', '-p', 'object:=tennis_ball').wait_for('serving', 90)
+    start('deformation', *THIN_BALL).wait_for('serving', 90)
     tab.goto(f'http://127.0.0.1:{port}')
     tab.wait_for_selector('.grasp-legend')
     assert not tab.get_by_role('button', name='Pause').is_visible()

@@ -208,7 +208,8 @@ def _print(result: _Result) -> None:
     if result.curve.excess_stiffness:
         low, high = found.interval('solid_modulus_pa')
         say(
-            f'modulus of the material, if its wall is a solid: {found.solid_modulus:.5g} Pa, '
+            f'modulus of the material (solid_young_modulus_pa), if its wall is a solid: '
+            f'{found.solid_modulus:.5g} Pa, '
             f'90 % interval {low:.5g} to {high:.5g}'
         )
     if result.thickness is not None:

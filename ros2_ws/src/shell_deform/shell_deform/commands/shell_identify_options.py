@@ -9,7 +9,7 @@ from pathlib import Path
 from grasp_common.command_line import usage_of
 from grasp_common.options import add
 from shell_deform.commands.arguments import above_zero, not_negative, poisson
-from shell_deform.theory import AUTO, DEFAULT_THEORY, THEORY_NAMES, is_linear
+from shell_deform.theory import AUTO, KOITER, THEORY_NAMES, is_linear
 
 THEORIES = (*(name for name in THEORY_NAMES if not is_linear(name)), AUTO)
 
@@ -46,9 +46,9 @@ def build_parser() -> argparse.ArgumentParser:
     add(parser, '--object', required=True)
     add(parser, '--pin-radius', type=above_zero)
     add(
-        parser, '--theory', choices=THEORIES, default=DEFAULT_THEORY,
+        parser, '--theory', choices=THEORIES, default=KOITER,
         more='; auto: thick where koiter would be off by more than 2 %%, which '
-        'finds the modulus of the material itself (default %(default)s)',
+        'finds the modulus of the material itself and takes minutes (default %(default)s)',
     )  # fmt: skip
     add(parser, '--poisson', ", instead of the object file's", type=poisson)
     second = parser.add_mutually_exclusive_group()

@@ -31,6 +31,9 @@ from shell_deform.supports import GRIP_TOLERANCE, free_rigid_modes
 
 Array = NDArray[np.float64]
 
+SAME = 1e-10
+"""Singular values below this share of the largest are those of contacts in one place [-]."""
+
 HELD_ROWS = 3
 LATERAL_ROWS = 2
 
@@ -79,6 +82,17 @@ def contact_rows(model: ShellModel, patches: tuple[ContactPatch, ...]) -> Contac
         held[: len(own), HELD_ROWS * i : HELD_ROWS * (i + 1)] = own
     left = free_rigid_modes(model.free_modes, held, GRIP_TOLERANCE)
     return ContactRows(push, measure, held, left)
+
+
+def shared_solution(matrix: Array, right: Array) -> Array:
+    """Solution (n, w) of a square system; where two contacts in one place make it singular they
+    share: the shortest one, in units in which rows and columns are alike.
+    """
+    rows = 1.0 / np.maximum(np.linalg.norm(matrix, axis=1), 1e-300)
+    scaled = matrix * rows[:, None]
+    columns = 1.0 / np.maximum(np.linalg.norm(scaled, axis=0), 1e-300)
+    found = np.linalg.lstsq(scaled * columns, right * rows[:, None], rcond=SAME)[0]
+    return np.asarray(columns[:, None] * found)
 
 
 @dataclass(frozen=True)

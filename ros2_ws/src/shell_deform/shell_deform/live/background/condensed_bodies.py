@@ -23,6 +23,7 @@ from shell_deform.live.background.condensed import (
     Condensed,
     GripColumns,
     grip_loads,
+    shared_solution,
 )
 from shell_deform.solve.borders import bordered, borders, negative_directions
 from shell_deform.solve.contact_step import touched_tangent
@@ -152,7 +153,7 @@ def condense(
         moving = [*pressing, *range(inputs - r - 1, inputs - 1)]
         by = np.concatenate([columns.displacement[pressing], columns.rigid_reaction])[:, moving]
         away = (depth.T @ fields[:, unit:]) / corner[:, None]
-        given = np.linalg.solve(by, np.concatenate([away, multipliers[held - r :, unit:]]))
+        given = shared_solution(by, np.concatenate([away, multipliers[held - r :, unit:]]))
         standing = Standing(
             centre,
             wrenches[: state.positions.size],

@@ -25,7 +25,11 @@ from shell_deform.grasp.reading import (
     unheld,
     wall_reader,
 )
-from shell_deform.live.background.condensed import Condensed, CondensedSystem
+from shell_deform.live.background.condensed import (
+    Condensed,
+    CondensedSystem,
+    shared_solution,
+)
 from shell_deform.live.background.tracking import EquilibriumTracker
 from shell_deform.model import ShellModel
 
@@ -113,7 +117,7 @@ def standing(system: CondensedSystem, condensed: Condensed, centre: Array, loads
     free = [*range(k), *range(3 * k, 3 * k + r)]
     by = np.concatenate([condensed.displacement, condensed.rigid_reaction])[:, free]
     there = np.concatenate([rows.measure.T @ motion, -border[HELD_ROWS * k :]])
-    given = np.linalg.solve(by, -there)
+    given = shared_solution(by, -there)
     motion = motion + condensed.fields[:, free] @ given
     held = border[: HELD_ROWS * k] + condensed.held[:, free] @ given
     return Answer(centre, loads, motion[: len(loads)], given[:k], held.reshape(k, HELD_ROWS, -1))

@@ -66,6 +66,7 @@ bench-peers:  ## Kratos and MuJoCo in .venv-bench, for the tables of `make bench
 bags: setup  ## the recordings again, from the kept solid solutions
 	@$(BIN)/python bags/generate.py
 	@$(BIN)/python -m bags.turning
+	@$(BIN)/python -m bags.fingertips
 
 pictures: setup  ## the pictures of README and docs again
 	@$(BIN)/python -m docs.make_pictures

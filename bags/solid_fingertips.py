@@ -182,14 +182,40 @@ def first_touch(grasp: Grasp, pad: PadMesh) -> float:
     return float((points[near, 0] - sphere).min())
 
 
-def deck(grasp: Grasp) -> tuple[str, Solid, PadMesh, float]:
-    """The input file, the half ball, the pad, and the depth of first touch."""
-    solid, pad = half_ball(grasp), draw_pad(grasp.pad)
-    offset = first_touch(grasp, pad)
+@dataclass(frozen=True)
+class Pressed:
+    """A solid under one pad, which goes from pose to pose.
+
+    Attributes:
+        heading: of the deck. solid: what is pressed. near: its elements, from 1, whose outer faces
+            may come to touch. young_modulus [MPa], poisson_ratio, friction: of the contact too.
+        held: cards of how the rest of the object holds it. pad: in its own frame.
+        poses: origin (3,) and axes (3, 3) where the pad first touches, then at every state.
+    """
+
+    heading: str
+    solid: Solid
+    near: list[int]
+    young_modulus: float
+    poisson_ratio: float
+    friction: float
+    held: str
+    pad: PadMesh
+    poses: list[tuple[Array, Array]]
+
+    def face(self, state: int) -> Array:
+        """(n, 3) nodes of the face of the pad at a state, from 1; 0 is first touch."""
+        origin, axes = self.poses[state]
+        return np.asarray(self.pad.face.reshape(-1, 3) @ axes.T + origin)
+
+
+def deck(case: Pressed) -> str:
+    """The input file: one step from each pose of the pad to the next."""
+    solid, pad = case.solid, case.pad
     start = len(solid.positions)
     rows, columns = pad.face.shape[:2]
-    origin, axes = pose(grasp, offset, 0.0)
     drawn = np.concatenate([pad.face.reshape(-1, 3), pad.back.reshape(-1, 3)])
+    origin, axes = case.poses[0]
     placed = drawn @ axes.T + origin
     number = start + 1 + np.arange(rows * columns).reshape(rows, columns)
     behind = number + rows * columns
@@ -200,15 +226,10 @@ def deck(grasp: Grasp) -> tuple[str, Solid, PadMesh, float]:
         for j in range(columns - 1)
     ]  # fmt: skip
     first_pad = len(solid.elements) + 1
-    outer = [e + 1 for e in range(len(solid.elements)) if e % grasp.layers == grasp.layers - 1]
-    near = [
-        e for e in outer
-        if np.linalg.norm(solid.positions[solid.elements[e - 1][4] - 1] - [32.5, 0, 0]) < 20.0
-    ]  # fmt: skip
     nodes = {k + 1: row for k, row in enumerate(solid.positions)}
     nodes |= {start + 1 + k: row for k, row in enumerate(placed)}
     parts = [
-        '*HEADING\nhalf a ball and a fingertip',
+        f'*HEADING\n{case.heading}',
         '*NODE,NSET=ALL\n' + calculix.node_lines(nodes),
         '*ELEMENT,TYPE=C3D20R,ELSET=WALL',
         calculix.element_lines(solid.elements),
@@ -217,22 +238,37 @@ def deck(grasp: Grasp) -> tuple[str, Solid, PadMesh, float]:
         calculix.set_lines('PAD', 'N', range(start + 1, start + 1 + len(placed))),
         calculix.set_lines('FACE', 'N', np.unique(solid.outer).tolist()),
         '*MATERIAL,NAME=WALL',
-        calculix.neo_hooke(grasp.young_modulus, grasp.poisson_ratio),
-        f'*MATERIAL,NAME=STIFF\n*ELASTIC\n{1e3 * grasp.young_modulus},0.3',
+        calculix.neo_hooke(case.young_modulus, case.poisson_ratio),
+        f'*MATERIAL,NAME=STIFF\n*ELASTIC\n{1e3 * case.young_modulus},0.3',
         '*SOLID SECTION,ELSET=WALL,MATERIAL=WALL',
         '*SOLID SECTION,ELSET=PAD,MATERIAL=STIFF',
-        '*SURFACE,NAME=OUTER\n' + '\n'.join(f'{k},S2' for k in near),
+        '*SURFACE,NAME=OUTER\n' + '\n'.join(f'{k},S2' for k in case.near),
         '*SURFACE,NAME=TIP\n' + '\n'.join(f'{first_pad + k},S2' for k in range(len(blocks))),
         '*SURFACE INTERACTION,NAME=TOUCH\n*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR',
-        f'{CONTACT_STIFFNESS * grasp.young_modulus},0.',
-        f'*FRICTION\n{grasp.friction},{STICK_STIFFNESS * grasp.young_modulus}',
+        f'{CONTACT_STIFFNESS * case.young_modulus},0.',
+        f'*FRICTION\n{case.friction},{STICK_STIFFNESS * case.young_modulus}',
         '*CONTACT PAIR,INTERACTION=TOUCH,TYPE=SURFACE TO SURFACE\nOUTER,TIP',
-        _half_turn(solid),
+        case.held,
     ]
-    for depth, turn in grasp.path:
-        origin, axes = pose(grasp, offset + depth, turn)
+    for origin, axes in case.poses[1:]:
         parts.append(_step(start, drawn @ axes.T + origin - placed))
-    return '\n'.join(parts) + '\n', solid, pad, offset
+    return '\n'.join(parts) + '\n'
+
+
+def half_ball_pressed(grasp: Grasp) -> Pressed:
+    """The half ball and its finger, first touch and every state of the programme."""
+    solid, pad = half_ball(grasp), draw_pad(grasp.pad)
+    offset = first_touch(grasp, pad)
+    outer = [e + 1 for e in range(len(solid.elements)) if e % grasp.layers == grasp.layers - 1]
+    near = [
+        e for e in outer
+        if np.linalg.norm(solid.positions[solid.elements[e - 1][4] - 1] - [32.5, 0, 0]) < 20.0
+    ]  # fmt: skip
+    poses = [pose(grasp, offset + depth, turn) for depth, turn in [(0.0, 0.0), *grasp.path]]
+    return Pressed(
+        'half a ball and a fingertip', solid, near, grasp.young_modulus, grasp.poisson_ratio,
+        grasp.friction, _half_turn(solid), pad, poses,
+    )  # fmt: skip
 
 
 def _step(start: int, moved: Array) -> str:
@@ -263,61 +299,86 @@ def _half_turn(solid: Solid) -> str:
     return '\n'.join([*lines, '*BOUNDARY', *fixed])
 
 
-def keep(grasp: Grasp, printed: str, path: Path) -> None:
-    """Keep the deck, forces, torques and cells of what was printed, and the outer face."""
-    text, solid, pad, offset = deck(grasp)
-    calculix.keep_deck(text, path.with_suffix('.inp.gz'))
+def read_states(case: Pressed, printed: str) -> tuple[list[dict], Array]:
+    """Force, torque and cells of each state that was reached, and how (s, n, 3) the face moved.
+
+    The face by its corner nodes, in m; forces of the pad on the solid, torques about the origin,
+    those of cells along their normals.
+    """
     tables = calculix.read_tables(printed)
-    start, count = len(solid.positions), pad.face[..., 0].size
+    pad, start = case.pad, len(case.solid.positions)
     face = pad.face.reshape(-1, 3)
     cell = np.argmin(np.linalg.norm(face[:, None] - pad.cells[None], axis=2), axis=1)
-    shown = np.unique(solid.outer[:, :4])
     states, moved = [], []
-    for step, (depth, turn) in enumerate(grasp.path, 1):
+    for step, (_, axes) in enumerate(case.poses[1:], 1):
         time = min(tables, key=lambda one: abs(one - step))
         if abs(time - step) > 1e-6:
-            print(f'ended before depth {depth} mm, turn {turn} rad')
+            print(f'ended before state {step} of {len(case.poses) - 1}')
             break
         table = {name: rows for (_, name), rows in tables[time].items()}
-        origin, axes = pose(grasp, offset + depth, turn)
-        # Reactions on the pad are the forces that hold it: what it does to the ball.
-        force = np.array([table['PAD'][start + 1 + k] for k in range(count)])
-        torque = np.cross(face @ axes.T, force).sum(axis=0)
+        # Reactions on the pad are the forces that hold it: what it does to the object.
+        force = np.array([table['PAD'][start + 1 + k] for k in range(len(face))])
+        torque = np.cross(case.face(step), force).sum(axis=0)
         cells = np.zeros((len(pad.cells), 3))
         np.add.at(cells, cell, force)
         states.append(
             {
-                'depth_m': round(1e-3 * depth, 9),
-                'turn_rad': turn,
                 'force_n': force.sum(axis=0).round(6).tolist(),
                 'torque_nm': (1e-3 * torque).round(9).tolist(),
                 'cells_n': np.einsum('ci,ci->c', cells, pad.normals @ axes.T).round(5).tolist(),
             }
         )
-        moved.append(1e-3 * np.array([table['FACE'][k] for k in shown]))
+        moved.append(1e-3 * np.array([table['FACE'][k] for k in corners(case.solid)]))
+    return states, np.array(moved)
+
+
+def corners(solid: Solid) -> np.ndarray:
+    """Numbers, from 1, of the corner nodes of the outer face."""
+    return np.unique(solid.outer[:, :4])
+
+
+def write(kept: dict, case: Pressed, states: list[dict], moved: Array, path: Path) -> None:
+    """Keep what was solved beside its deck, and the outer face at rest and moved."""
+    version = calculix.solver_version()
+    material = {
+        'young_modulus_pa': 1e6 * case.young_modulus,
+        'poisson_ratio': case.poisson_ratio,
+        'friction': case.friction,
+    }
+    source = {
+        'solver': f'CalculiX CrunchiX {version}',
+        'source': f'CalculiX CrunchiX {version}, C3D20R, neo-Hooke, contact with friction, NLGEOM',
+    }
+    calculix.keep_deck(deck(case), path.with_suffix('.inp.gz'))
+    path.with_suffix('.json').write_text(
+        json.dumps({**kept, **source, **material, 'states': states}, indent=1) + '\n'
+    )
+    np.savez_compressed(
+        path.with_suffix('.npz'),
+        rest_m=(1e-3 * case.solid.positions[corners(case.solid) - 1]).astype(np.float32),
+        moved_m=moved.astype(np.float32),
+    )
+
+
+def keep(grasp: Grasp, printed: str, path: Path) -> None:
+    """Keep the deck, forces, torques and cells of what was printed, and the outer face."""
+    case = half_ball_pressed(grasp)
+    states, moved = read_states(case, printed)
+    told = [
+        {'depth_m': round(1e-3 * depth, 9), 'turn_rad': turn, **state}
+        for (depth, turn), state in zip(grasp.path, states, strict=False)
+    ]
     kept = {
         'what': 'half a hollow ball (x >= 0; half a turn about z gives the other half) under a '
         'BarrettHand fingertip on +x, its tip along +z, pushed in, then turned about +x; the '
         'other one turns the other way; forces of the finger on the ball, of cells along their '
         'normals',
-        'solver': f'CalculiX CrunchiX {calculix.solver_version()}',
-        'source': f'CalculiX CrunchiX {calculix.solver_version()}, C3D20R, neo-Hooke, contact '
-        'with friction, NLGEOM',
         'outer_radius_m': 1e-3 * grasp.outer_radius,
         'thickness_m': 1e-3 * grasp.thickness,
-        'young_modulus_pa': 1e6 * grasp.young_modulus,
-        'poisson_ratio': grasp.poisson_ratio,
-        'friction': grasp.friction,
         'finest_m': 1e-3 * grasp.finest,
         'layers': grasp.layers,
-        'states': states,
     }
-    path.with_suffix('.json').write_text(json.dumps(kept, indent=1) + '\n')
-    np.savez_compressed(
-        path.with_suffix('.npz'),
-        rest_m=(1e-3 * solid.positions[shown - 1]).astype(np.float32),
-        moved_m=np.array(moved).astype(np.float32),
-    )
+    write(kept, case, told, moved, path)
 
 
 def main() -> None:
@@ -329,7 +390,9 @@ def main() -> None:
     command.add_argument('--timeout', type=float, default=7200.0, help='[s]')
     options = command.parse_args()
     grasp = Grasp(finest=options.finest, pad=options.pad)
-    printed = calculix.printed(deck(grasp)[0], 'fingertips', options.timeout, partial=True)
+    printed = calculix.printed(
+        deck(half_ball_pressed(grasp)), 'fingertips', options.timeout, partial=True
+    )
     keep(grasp, printed, options.out)
 
 

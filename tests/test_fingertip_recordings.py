@@ -33,11 +33,17 @@ def body(name: str):
     return load_body(path)
 
 
-def test_contacts_and_cells_of_the_recording_are_what_the_node_takes() -> None:
-    facts = yaml.safe_load((BAG / 'experiment.yaml').read_text())
+@pytest.mark.parametrize(
+    ('recording', 'count', 'travel', 'turned'),
+    [(BAG, 450, 1.2e-3, 0.12), (ROOT / 'bottle_fingertips', 300, 2e-3, 0.0)],
+)
+def test_contacts_and_cells_of_a_recording_are_what_the_node_takes(
+    recording: Path, count: int, travel: float, turned: float
+) -> None:
+    facts = yaml.safe_load((recording / 'experiment.yaml').read_text())
     tip, reader = body(facts['finger_body']), ContactReader()
     samples, pushes = [], []
-    with open_bag(BAG) as bag:
+    with open_bag(recording) as bag:
         assert not bag.notes
         for message in bag.messages(['/hand/contacts', '/hand/tactile']):
             cloud = bag.decode(message)
@@ -48,10 +54,10 @@ def test_contacts_and_cells_of_the_recording_are_what_the_node_takes() -> None:
             whose = rows[:, :2].astype(int)
             check_cells(TouchCells(message.log_time, *whose.T, rows[:, 2]), {0: tip})
             pushes.append(rows[whose[:, 0] == 1, 2].sum())
-    assert len(samples) == len(pushes) == 450
+    assert len(samples) == len(pushes) == count
     last = samples[-1]
-    assert last.travel[0] == pytest.approx(1.2e-3)
-    assert np.abs(last.along[0, 1]) == pytest.approx(np.sin(0.12), rel=1e-6)
+    assert last.travel == pytest.approx(travel)
+    assert np.abs(last.along[0, 1]) == pytest.approx(np.sin(turned), rel=1e-6)
     # The cells of a finger together feel what its gauge does, both with their noise.
     push = np.array([np.linalg.norm(sample.force[0]) for sample in samples])
     assert np.abs(push - pushes).max() < 6 * np.hypot(0.1, 0.02 * np.sqrt(24))
@@ -150,6 +156,36 @@ def test_a_wall_that_shears_carries_the_tip_as_the_solid_does() -> None:
     assert state.force[0] == pytest.approx(-kept['force_n'][0], rel=0.02)
     torque = touch.moment(touch.pose.origin)[0]
     assert torque == pytest.approx(kept['torque_nm'][0], rel=0.06)
+
+
+def test_the_solid_bottle_is_pushed_on_by_its_cells_within_friction() -> None:
+    kept = json.loads((ROOT / 'solid/bottle_fingertips.json').read_text())
+    inward = -np.array(kept['normal'])
+    before = 0.0
+    for state in kept['states']:
+        force, cells = np.array(state['force_n']), np.array(state['cells_n'])
+        push = force @ inward
+        assert push > before
+        before = push
+        along = np.linalg.norm(force - push * inward)
+        assert along < kept['friction'] * push
+        assert cells.sum() == pytest.approx(push, rel=0.02)
+        # Both halves of the finger feel the same.
+        np.testing.assert_allclose(cells.reshape(-1, 3), cells.reshape(-1, 3)[:, ::-1])
+
+
+@pytest.mark.soak
+def test_a_shell_of_the_bottle_feels_what_its_solid_does() -> None:
+    kept = json.loads((ROOT / 'solid/bottle_fingertips.json').read_text())
+    bottle = load_object(str(ROOT / 'bottle_fingertips/object.yaml'))
+    model = build_model(bottle)
+    contacts = object_contacts(bottle, model)
+    solver, state = EquilibriumSolver(model), None
+    for solid in kept['states']:
+        state = solver.solve(displaced(contacts, [solid['depth_m']] * 3), state)
+        assert state.converged
+        push = -np.array(solid['force_n']) @ kept['normal']
+        assert state.force.mean() == pytest.approx(push, rel=0.05)
 
 
 def test_the_solid_holds_what_turns_until_friction_is_used_up() -> None:

@@ -18,6 +18,7 @@ from shell_deform.solve.hold import TimedSolver, hold_times
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.solve.step_system import NewtonOptions
 from shell_deform.theory.relaxation import RelaxationError, log_law, prony
+from shell_deform.verification.axisymmetric import PinnedSphere, held_forces
 
 LAW = log_law(0.05, 0.1, 1000.0)
 NONLINEAR = ('koiter', 'paper', 'paper_restored', 'thick')
@@ -299,3 +300,28 @@ def test_a_ball_blown_far_creeps_as_volterra_says(law):
     first, others = _blown(law, pressure, times[1:])
     assert stretches[0] == pytest.approx(first, rel=1e-5)
     np.testing.assert_allclose(stretches[1:], others, atol=1e-3 * (others[-1] - first))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(
+    'law', [log_law(0.08, 0.1, 1000.0), prony([0.3, 0.2], [0.5, 30.0])], ids=['log', 'prony']
+)
+def test_a_deep_dent_that_is_held_and_let_go_is_that_of_the_axisymmetric_solver(law):
+    """6 mm, 2.4 walls, in 2 s, held, released: forces and loop within 0.2 %."""
+    ball = load_object('tennis_ball')
+    ball = replace(ball, gas=replace(ball.gas, kind='none'))
+    times = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 10.0, 60.0, 600.0, 601.0, 601.5])
+    depths = 1e-3 * np.array([0.0, 1.5, 3.0, 4.5, 6.0, 6.0, 6.0, 6.0, 6.0, 3.0, 1.5])
+    sphere = PinnedSphere(31.25e-3, 2.5e-3, ball.young_modulus_pa, 0.5, PIN)
+    expected = held_forces(sphere, law, times, depths)
+    model = build_model(ball, 'koiter', 500, refine_radius=PIN)
+    contacts = object_contacts(ball, model, PIN)
+    solver = EquilibriumSolver(model)
+    start, touch = first_touch(solver, contacts)
+    timed = TimedSolver(solver, law, displaced(contacts, touch), start)
+    force = [0.0]
+    for step, depth in zip(np.diff(times), depths[1:], strict=True):
+        force.append(timed.to(displaced(contacts, touch + depth), step).force[0])
+    np.testing.assert_allclose(force, expected, atol=2e-3 * expected.max())
+    ours, theirs = (np.trapezoid(one, depths) for one in (force, expected))
+    assert ours == pytest.approx(theirs, rel=2e-3)

@@ -10,6 +10,9 @@ rotationally symmetric shell are
 
 and the potential energy is minimised by Newton's method. Derivatives of the energy density come
 from complex steps (exact gradient) and differences of them (tangent).
+
+A wall that relaxes carries S(t) = g(t) S_e(0) + integral of g(t - s) dS_e(s), summed at every time
+over all of its past by quadrature: no terms, no recursion.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ PIN_ELEMENTS, ELEMENTS = 4, 36
 R_DOFS, Z_DOFS = [0, 1, 4, 5], [2, 3, 6, 7]
 COMPLEX_STEP, TANGENT_STEP = 1e-30, 1e-6
 ITERATIONS, TOLERANCE = 30, 1e-9
+GAUSS_POINTS = 32
 
 
 class AxisymmetricError(RuntimeError):
@@ -88,6 +92,28 @@ def pole_displacements(sphere: PinnedSphere, forces: Array) -> Array:
 def forces_at(sphere: PinnedSphere, displacements: Array) -> Array:
     """(n,) force of each pin [N] at rising pole displacements (n,) [m] from the blown shape."""
     return np.array([force for _, _, force in _dented(sphere, displacements)])
+
+
+def held_forces(
+    sphere: PinnedSphere, law: Callable[[Array], Array], times: Array, displacements: Array
+) -> Array:
+    """(n,) force of each pin [N] at rising times (n,) [s] while its pole is at displacements [m].
+
+    From one to the next it moves evenly; the first is a step at time 0. `law`: g. Of the wall
+    alone, measure 'koiter'.
+    """
+    solver, forces = _HeldSolver(sphere, law), []
+    position, force = solver.blown(), 0.0
+    start, last = solver.pole(position), 0.0
+    for time, wanted in zip(times.tolist(), displacements.tolist(), strict=True):
+        solver.begin(time)
+        parts = max(1, int(np.ceil(abs(wanted - last) / (0.4 * sphere.thickness))))
+        for depth in np.linspace(last, wanted, parts + 1)[1:]:
+            position, force = solver.dented(position, force, start - depth)
+        solver.pass_by(position)
+        last = wanted
+        forces.append(force)
+    return np.array(forces)
 
 
 def outer_meridians(sphere: PinnedSphere, displacements: Array) -> list[Array]:
@@ -186,7 +212,7 @@ class _Solver:
 
     def _energy(self, position: Array) -> tuple[Array, Array]:
         """Gradient (N,) and second derivative (N, N) of strain and gas energy."""
-        gradient, stiffness = self._sum(position, _strain_energy(self.sphere, self.mesh.arc))
+        gradient, stiffness = self._sum(position, self._strain_energy())
         if self.sphere.gas.is_sealed:
             volume, row, bend = self._volume(position)
             ratio = volume / self._rest_volume
@@ -195,6 +221,10 @@ class _Solver:
             gradient = gradient - pressure * row
             stiffness = stiffness - pressure * bend - slope * np.outer(row, row)
         return gradient, stiffness
+
+    def _strain_energy(self) -> Callable[[Array], Array]:
+        """Of a ring per arc length."""
+        return _strain_energy(self.sphere, self.mesh.arc)
 
     def _volume(self, position: Array) -> tuple[float, Array, Array]:
         """Volume of the upper half [m^3] and its first two derivatives."""
@@ -255,11 +285,76 @@ class _Solver:
         return load
 
 
+class _HeldSolver(_Solver):
+    """The same while the wall relaxes: all of its past strains are kept."""
+
+    def __init__(self, sphere: PinnedSphere, law: Callable[[Array], Array]) -> None:
+        super().__init__(sphere)
+        self._law, self._now = law, 0.0
+        self._times: list[float] = []
+        self._strains: list[Array] = []
+        self._share, self._past = 1.0, np.zeros((4, *self.mesh.arc.shape))
+
+    def begin(self, time: float) -> None:
+        """Solve for this time [s] from now on."""
+        if not self._times:
+            self._share = float(self._law(np.array(0.0)))
+        else:
+            ends = np.array([*self._times, time])
+            # Nodes crowd at the end of each interval: g falls steeply from where it begins.
+            x, weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+            x = 0.5 * (x + 1.0)
+            lags = time - ends[1:, None] + np.diff(ends)[:, None] * x**3
+            mean = self._law(lags) @ (1.5 * weight * x**2)
+            strains = np.array(self._strains)
+            past = float(self._law(np.array(time))) * strains[0] - mean[-1] * strains[-1]
+            self._past = past + np.tensordot(mean[:-1], np.diff(strains, axis=0), axes=1)
+            self._share = float(mean[-1])
+        self._now = time
+
+    def pass_by(self, position: Array) -> None:
+        """The wall has come here."""
+        self._times.append(self._now)
+        self._strains.append(np.stack(_strains(self.sphere, self.mesh.arc, self._at(position))))
+
+    def _strain_energy(self) -> Callable[[Array], Array]:
+        sphere, arc = self.sphere, self.mesh.arc
+        stretching, bending = _stiffness(sphere)
+        (along, around, bend, bend_around), nu = self._past, sphere.poisson
+        forces = stretching * np.stack([along + nu * around, around + nu * along])
+        moments = bending * np.stack([bend + nu * bend_around, bend_around + nu * bend])
+        elastic = _strain_energy(sphere, arc)
+        ring = 2.0 * np.pi * sphere.radius * np.sin(arc / sphere.radius)
+
+        def density(q: Array) -> Array:
+            one, two, three, four = _strains(sphere, arc, q)
+            held = forces[0] * one + forces[1] * two + moments[0] * three + moments[1] * four
+            return self._share * elastic(q) + ring * held
+
+        return density
+
+
+def _stiffness(sphere: PinnedSphere) -> tuple[float, float]:
+    """Of the wall against stretching [N/m] and bending [N m]."""
+    stretching = sphere.young * sphere.thickness / (1.0 - sphere.poisson**2)
+    return stretching, stretching * sphere.thickness**2 / 12.0
+
+
+def _strains(sphere: PinnedSphere, arc: Array, q: Array) -> tuple[Array, Array, Array, Array]:
+    """Stretch along the meridian and around, change of curvature likewise, by koiter."""
+    r, dr, ddr, _, dz, ddz = q
+    r_0 = sphere.radius * np.sin(arc / sphere.radius)
+    squared = dr**2 + dz**2
+    length = np.sqrt(squared)
+    bend, bend_around = (ddz * dr - ddr * dz) / length, r * dz / (length * r_0**2)
+    stretch = 0.5 * (squared - 1.0), 0.5 * ((r / r_0) ** 2 - 1.0)
+    return (*stretch, bend + 1.0 / sphere.radius, bend_around + 1.0 / sphere.radius)
+
+
 def _strain_energy(sphere: PinnedSphere, arc: Array) -> Callable[[Array], Array]:
     """Energy per arc length [J/m] of a ring as a function of r, r', r'', z, z', z''."""
-    radius, h, nu = sphere.radius, sphere.thickness, sphere.poisson
-    stretching = sphere.young * h / (1.0 - nu**2)
-    bending = stretching * h**2 / 12.0
+    radius, nu = sphere.radius, sphere.poisson
+    stretching, bending = _stiffness(sphere)
     r_0 = radius * np.sin(arc / radius)
     r_1, z_1 = np.cos(arc / radius), -np.sin(arc / radius)
 

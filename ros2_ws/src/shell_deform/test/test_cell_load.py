@@ -11,6 +11,7 @@ from shell_deform.contact.cell_load import CellShape, cell_shares, shaped_by_cel
 from shell_deform.contact.finger_bodies import read_finger_bodies
 from shell_deform.contact.loads import contact_patch
 from shell_deform.live.background.contact_tracking import ContactTracker, Touch
+from shell_deform.live.background.worker import build
 from shell_deform.live.background.worker_link import empty_request
 from shell_deform.live.tick.touch_check import TouchCells, write_shapes
 from shell_deform.objects import ObjectError, load_object
@@ -191,6 +192,18 @@ def test_cells_that_cannot_be_are_refused_in_one_sentence(more, kind, says, tmp_
     with pytest.raises(ObjectError, match=says) as told:
         load(written(tmp_path, more, kind))
     assert '\n' not in str(told.value)
+
+
+def test_live_auto_is_thin_where_cells_shape_the_load_and_thick_is_refused(tmp_path):
+    file = tmp_path / 'bare.yaml'
+    file.write_text(TEXT.replace('contacts:\n', '').replace('0.001', '0.004'))
+    options = {
+        'object': str(file), 'bodies': 'barrett_fingertip', 'by_cells': True,
+        'control_vertices': 100,
+    }  # fmt: skip
+    assert build({**options, 'theory': 'auto'}).model.theory == 'koiter'
+    with pytest.raises(ObjectError, match='take theory koiter'):
+        build({**options, 'theory': 'thick'})
 
 
 def test_a_thick_wall_takes_no_cells(tmp_path):

@@ -32,7 +32,7 @@ from shell_deform.live.background.solving import LiveSolver
 from shell_deform.live.exchange import Layout, SharedMemory, create
 from shell_deform.model import ShellModel
 from shell_deform.objects import ObjectError, load_object
-from shell_deform.theory import THICK
+from shell_deform.theory import AUTO, KOITER, THICK
 
 WAITING_BEAT_S = 0.1
 """A process that waits for load cases says so at this interval [s]."""
@@ -57,9 +57,11 @@ def build(options: dict[str, object]) -> Solver:
 
 def _model(options: dict[str, object], bodies: FingerBodies) -> ShellModel:
     count = options.get('control_vertices')
+    # Of an object without contacts auto would not know that no pins press.
+    thin = options.get('by_cells') and options['theory'] == AUTO
     return build_model(
         bodies.on(load_object(str(options['object']))),
-        theory=str(options['theory']),
+        theory=KOITER if thin else str(options['theory']),
         control_vertices=int(str(count)) if count else None,
         refine_at=options.get('refine_at') or None,  # type: ignore[arg-type]
         refine_radius=float(str(options.get('refine_radius') or 0.0)) or None,

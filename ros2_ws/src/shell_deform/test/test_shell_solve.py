@@ -135,6 +135,10 @@ def test_a_hold_relaxes_at_constant_travel_and_says_what_is_beyond_its_law(tmp_p
     assert fallen == pytest.approx(1.0 - 0.03 * np.log10(6000.0), abs=1e-4)
     assert '600 s is longer than the 100 s that the relaxation is known for' in told.err
     assert held[-1]['relative_sigma'] > 0.02
+    assert shell_solve.main([*arguments, '--hold', '1e300']) == 1
+    told = capsys.readouterr().err.strip()
+    assert told.endswith('--hold 1e+300: 301 decades of time; at most 15; hold it for less')
+    assert len(told.splitlines()) == 1
 
 
 def test_a_hold_of_an_elastic_object_or_a_linear_theory_is_refused(tmp_path, capsys):

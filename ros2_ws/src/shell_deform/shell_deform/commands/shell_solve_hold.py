@@ -16,7 +16,7 @@ from shell_deform.objects import ShellObject
 from shell_deform.solve.equilibrium import Equilibrium, LoadCase
 from shell_deform.solve.hold import TimedSolver, hold_times
 from shell_deform.solve.newton import EquilibriumSolver
-from shell_deform.theory.relaxation import Relaxation
+from shell_deform.theory.relaxation import Relaxation, RelaxationError
 
 SHOWN_PER_DECADE = 2
 
@@ -73,10 +73,13 @@ def hold(
     of a row at a state.
     """
     case = cases[-1]
+    try:
+        longer = law.covering(seconds)
+    except RelaxationError as error:
+        raise CommandError(f'--hold {seconds:g}: {error}; hold it for less') from error
     beyond = law.beyond(seconds)
     if beyond:
         complain('shell_solve', f'note: {beyond}')
-    longer = law.covering(seconds)
     found: list[Held] = []
     timed, now = TimedSolver(solver, longer, case, began), 0.0
     for before in cases[:-1]:

@@ -118,14 +118,15 @@ def _picture(told: dict[str, Any], place: Workplace) -> str:
         np.array([row for one in shown for row in one[name]]).reshape(-1, 3)
         for name in ('at_m', 'axis')
     )
-    size = float(np.clip(6000.0 / max(len(at), 1), 6.0, 40.0))
+    size = float(np.clip(30000.0 / max(len(at), 1), 14.0, 40.0))
     for row, (name, label) in zip(
         panels,
         (('liftable_mass_kg', 'liftable mass [kg]'), ('snap_margin', 'snap margin [-]')),
         strict=True,
     ):
         value = np.repeat([one[name] for one in shown], len(at) // max(len(shown), 1))
-        ends = (float(value.min()), float(value.max())) if len(value) else (0.0, 1.0)
+        # A few grasps far from all others would leave these one colour.
+        ends = np.quantile(value, [0.02, 0.98]) if len(value) else np.array([0.0, 1.0])
         for axes, side in zip(row, (-1.0, 1.0), strict=True):
             # Seen along y, z up: x to the right from the front, to the left from behind.
             view = 1e3 * np.array([[-side, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -133,7 +134,7 @@ def _picture(told: dict[str, Any], place: Workplace) -> str:
             facing = side * axis[:, 1] < 0.0
             dots = axes.scatter(
                 *(view @ at[facing].T), c=value[facing], cmap='cividis', s=size,
-                vmin=ends[0], vmax=ends[1], edgecolors='white', linewidths=0.3,
+                vmin=ends[0], vmax=ends[1], edgecolors='white', linewidths=0.2,
             )  # fmt: skip
         figure.colorbar(dots, ax=row, label=label, shrink=0.85)
     for axes, where in zip(panels[0], ('-y', '+y'), strict=True):

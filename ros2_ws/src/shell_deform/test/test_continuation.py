@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Paths through limit points, and how near a state is to its snap."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from shell_deform.solve.continuation import ArcLengthOptions, follow_path
+from shell_deform.solve.borders import borders
+from shell_deform.solve.continuation import ArcLengthOptions, carried_on, follow_path
 from shell_deform.solve.equilibrium import displaced, forced
 from shell_deform.solve.newton import EquilibriumSolver
+from shell_deform.solve.prediction import StepLoads
 from shell_deform.solve.stability import snap_margin
 from shell_deform.solve.step_system import NewtonOptions
 from shell_deform.verification import snap
@@ -117,3 +121,22 @@ def test_a_path_that_cannot_go_on_says_where_it_stopped():
     path = follow_path(EquilibriumSolver(model), case, ArcLengthOptions(400.0, 400.0, 300.0))
     assert path.points == ()
     assert 'at load factor' in path.message
+
+
+@pytest.mark.parametrize(('load', 'snaps'), [(400.0, False), (700.0, True)])
+def test_by_arc_length_a_load_is_carried_whole_and_a_snap_on_the_way_is_told(load, snaps):
+    """The quarter of the roof snaps at 0.74 of 750 N and carries more behind that."""
+    model, case = snap.roof(12.7, cells=6)
+    solver = EquilibriumSolver(model, NewtonOptions(largest_move=40.0))
+    present = solver.solve(replace(case, force=np.array([200.0])))
+    bordering = borders(model, case)
+    goal = StepLoads(
+        np.array([load]), np.full(1, np.nan), np.zeros_like(bordering.dead), np.zeros((1, 6)),
+        np.zeros((0, 6)),
+    )  # fmt: skip
+    state, share, fell = carried_on(solver, bordering, present, goal)
+    assert (share, fell) == (1.0, snaps)
+    assert state.force[0] == pytest.approx(load)
+    assert solver.solve(replace(case, force=state.force), state).displacement[0] == pytest.approx(
+        state.displacement[0], rel=1e-6
+    )

@@ -22,6 +22,11 @@ FLAGS = (
     '--enable-unsafe-swiftshader',
 )
 TIMEOUT_MS = 60_000
+# Five pictures a second: drawn in software, sixty would take a whole core from what is shown.
+FEWER_PICTURES = """
+requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 200);
+cancelAnimationFrame = clearTimeout;
+"""
 # The page library's own, when a body is dragged; the drag works.
 HARMLESS = 'Unable to preventDefault inside passive event listener invocation.'
 
@@ -43,15 +48,17 @@ def chromium() -> Iterator[Any]:
 
 
 def new_tab(browser: Any, width: int, height: int, **options: Any) -> Any:
-    """A page of width x height pixels that keeps what it complains about in `complaints`."""
+    """A page of width x height pixels, which keeps its `complaints` and what it `asked` for."""
     tab = browser.new_page(viewport={'width': width, 'height': height}, **options)
     tab.set_default_timeout(TIMEOUT_MS)
-    tab.complaints = []
+    tab.complaints, tab.asked = [], []
+    tab.add_init_script(FEWER_PICTURES)
 
     def said(message: Any) -> None:
         if message.type == 'error' and message.text != HARMLESS:
             tab.complaints.append(message.text)
 
     tab.on('console', said)
+    tab.on('request', lambda request: tab.asked.append(request.url))
     tab.on('pageerror', lambda error: tab.complaints.append(str(error)))
     return tab

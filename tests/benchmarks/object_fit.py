@@ -133,11 +133,12 @@ def surface_rows() -> Iterator[Row]:
 def first_surface_rows(points: int) -> Iterator[Row]:
     """From the scan file to the first live surface, as a user does it: three commands."""
     import live_hand
+    from tests.running import own_domain
 
     programs = Path(sys.executable).parent
     height = float(potato_radius(np.array([[0.0, 0.0, 1.0]]))[0])
     vertices, faces = scan(points)
-    with tempfile.TemporaryDirectory() as folder, live_hand.own_domain():
+    with tempfile.TemporaryDirectory() as folder, own_domain():
         file = Path(folder) / 'scan.ply'
         trimesh.Trimesh(1e3 * vertices, faces, process=False).export(file)
         start = time.perf_counter()

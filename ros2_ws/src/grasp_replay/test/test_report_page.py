@@ -375,7 +375,7 @@ def test_the_dent_section_counts_from_the_rest_face(scenes: list[RowScene]) -> N
 
 
 @pytest.mark.chromium
-def test_a_browser_shows_the_rows_turnable(open_tab, page: Path) -> None:
+def test_a_browser_shows_the_rows_turnable(open_tab, page: Path, wait_until) -> None:
     tab = open_tab(1200, 900)
     tab.goto(page.as_uri())
     tab.wait_for_selector('body.webgl')
@@ -389,15 +389,13 @@ def test_a_browser_shows_the_rows_turnable(open_tab, page: Path) -> None:
     tab.mouse.down()
     tab.mouse.move(x + 80, y + 30)
     tab.mouse.up()
-    tab.wait_for_timeout(100)
-    assert canvas.screenshot() != before
-    shown = tab.locator('#turn-row_2 .top').inner_text()
-    assert shown == f'{0.95 * ROWS[1][2] * 1e3:.2f} mm'
+    wait_until(lambda: canvas.screenshot() != before, 60)
+    top = tab.locator('#turn-row_2 .top')
+    assert top.inner_text() == f'{0.95 * ROWS[1][2] * 1e3:.2f} mm'
     tab.locator('#turn-row_2 select[name=colour]').select_option('error')
-    tab.wait_for_timeout(100)
-    top = tab.locator('#turn-row_2 .top').inner_text()
     packed = json.loads(tab.locator('#rows').inner_text())
-    assert top == f'{packed[1]["errorTop"]["nonlinear"] * 1e3:.2f} mm'
+    wanted = f'{packed[1]["errorTop"]["nonlinear"] * 1e3:.2f} mm'
+    wait_until(lambda: top.inner_text() == wanted, 60)
 
 
 @pytest.mark.chromium
@@ -415,8 +413,6 @@ def test_text_stands_out_controls_have_names_and_nothing_is_fetched(
     open_tab, page: Path, scheme: str, ground: tuple[int, int, int]
 ) -> None:
     tab = open_tab(1200, 900, color_scheme=scheme)
-    asked: list[str] = []
-    tab.on('request', lambda request: asked.append(request.url))
     tab.goto(page.as_uri())
     tab.wait_for_selector('body.webgl')
     texts = tab.evaluate(TEXTS)
@@ -428,7 +424,7 @@ def test_text_stands_out_controls_have_names_and_nothing_is_fetched(
     without = "() => [...document.querySelectorAll('img')].filter(e => !e.alt).length"
     assert tab.evaluate(without) == 0
     assert tab.complaints == []
-    assert [url for url in asked if not url.startswith(('file:', 'data:', 'blob:'))] == []
+    assert [url for url in tab.asked if not url.startswith(('file:', 'data:', 'blob:'))] == []
 
 
 @pytest.mark.chromium

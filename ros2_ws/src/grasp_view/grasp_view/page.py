@@ -153,7 +153,11 @@ class Page:
         client = event.client
         if client is None:
             return
-        picture = client.get_render(900, 1200, transport_format='png')
+        try:
+            picture = client.get_render(900, 1200, transport_format='png')
+        except RuntimeError:
+            # The browser left before it had drawn: nobody waits for the picture.
+            return
         stream = io.BytesIO()
         Image.fromarray(picture).save(stream, format='PNG')
         client.send_file_download('grasp.png', stream.getvalue(), save_immediately=True)

@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-import socket
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -13,24 +13,14 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from tests.chromium import new_tab
+from tests.running import Running, own_domain, processes
 
 # Lets the tests import what they share.
 sys.path.insert(0, str(Path(__file__).parent))
+from view_browser import as_at_first  # noqa: E402
 from view_grasp import Grasp  # noqa: E402
-
-
-@pytest.fixture
-def grasp(domain_id: int) -> Iterator[Callable[..., Grasp]]:
-    """A squeezed ball on the topics, by the subdivisions of its mesh."""
-    made: list[Grasp] = []
-
-    def make(subdivisions: int = 3) -> Grasp:
-        made.append(Grasp(subdivisions))
-        return made[-1]
-
-    yield make
-    for one in made:
-        one.close()
+from view_process import free_port, served  # noqa: E402
 
 
 @pytest.fixture
@@ -59,28 +49,59 @@ def heard(domain_id: int) -> Iterator[Callable[[type, str], Any]]:
 @pytest.fixture
 def port() -> int:
     """A TCP port nobody uses."""
-    with socket.socket() as free:
-        free.bind(('127.0.0.1', 0))
-        return int(free.getsockname()[1])
+    return free_port()
 
 
 @pytest.fixture
-def tab(open_tab):
+def tab(open_tab: Callable[..., Any]) -> Any:
     """A browser's tab in which both panels and the object have room."""
     return open_tab(1000, 640)
 
 
 @pytest.fixture
-def view(start, port: int):
-    """Start the page and wait until it serves; further ROS parameters as name:=value."""
+def view(start: Callable[..., Running], port: int) -> Callable[..., Running]:
+    """Start a page of the test's own, by further ROS parameters as name:=value."""
+    return lambda *parameters: served(start, port, *parameters)
 
-    def begin(*parameters: str):
-        # A pose that keeps the palm's bodies out of the picture's middle.
-        pose = 'object_pose:=[0.0, 0.0, 0.19, 0.0, 0.0, 0.0, 1.0]'
-        given = [f'port:={port}', 'history:=100.0', pose, *parameters]
-        arguments = [word for one in given for word in ('-p', one)]
-        running = start('grasp_view', '--ros-args', *arguments)
-        running.wait_for('page ready', 60)
-        return running
 
-    return begin
+@pytest.fixture(scope='module')
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Grasp]]:
+    """The address of a page beside a squeezed ball, for all tests of a module."""
+    port = free_port()
+    with own_domain(), processes(tmp_path_factory.mktemp('page')) as start:
+        running = served(start, port)
+        with closing(Grasp()) as grasp:
+            yield f'http://127.0.0.1:{port}', grasp
+        assert running.process.poll() is None and 'Traceback' not in running.text
+
+
+@pytest.fixture
+def address(shared: tuple[str, Grasp]) -> str:
+    """Where the module's page is."""
+    return shared[0]
+
+
+@pytest.fixture
+def squeezed(shared: tuple[str, Grasp]) -> Grasp:
+    """The ball beside the module's page, as it is before anybody squeezes it."""
+    shared[1].rest_again()
+    return shared[1]
+
+
+@pytest.fixture(scope='module')
+def only_tab(browser: Any, shared: tuple[str, Grasp]) -> Iterator[Any]:
+    """The module's page in a tab that stays open: to load it takes longer than most tests."""
+    opened = new_tab(browser, 1000, 640)
+    opened.goto(shared[0])
+    opened.wait_for_selector('.grasp-legend')
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def page(squeezed: Grasp, only_tab: Any, tmp_path: Path) -> Iterator[Any]:
+    """The module's page, with its controls as they are at first."""
+    yield only_tab
+    only_tab.screenshot(path=tmp_path / 'page.png')
+    as_at_first(only_tab)
+    assert only_tab.complaints == []

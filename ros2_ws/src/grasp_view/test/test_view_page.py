@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import pytest
 from PIL import Image
 from view_browser import buttons, deep, displacement_mm, picture, share_of
+from view_grasp import Grasp
 
 from grasp_view.colour_map import TABLE
 
@@ -16,60 +19,45 @@ BUTTONS = {
 
 
 @pytest.mark.chromium
-def test_every_button_calls_its_service_and_shows_the_answer(
-    view, grasp, tab, port: int, wait_until
-) -> None:
-    squeezed = grasp()
-    view()
-    tab.goto(f'http://127.0.0.1:{port}')
-    wait_until(lambda: buttons(tab) == BUTTONS, 60)
+def test_every_button_calls_its_service_and_shows_the_answer(page, squeezed, wait_until) -> None:
+    wait_until(lambda: buttons(page) == BUTTONS, 60)
     for label, service, answer in (
         ('Tare gauges', 'hand/tare', 'tare: refused, the hand is loaded'),
         ('Compare scan', 'scan/compare', 'compare: done'),
     ):
-        tab.get_by_role('button', name=label).click()
+        page.get_by_role('button', name=label).click()
         wait_until(lambda name=service: name in squeezed.called, 60)
-        wait_until(lambda text=answer: text in tab.locator('.grasp-answer').inner_text(), 60)
-    with tab.expect_download() as download:
-        tab.get_by_role('button', name='Screenshot').click()
+        wait_until(lambda text=answer: text in page.locator('.grasp-answer').inner_text(), 60)
+    with page.expect_download() as download:
+        page.get_by_role('button', name='Screenshot').click()
     with Image.open(download.value.path()) as saved:
         assert saved.format == 'PNG' and saved.size == (1200, 900)
 
 
 @pytest.mark.chromium
-def test_a_button_without_a_service_says_so(
-    view, tab, port: int, domain_id: int, wait_until
-) -> None:
-    view()
-    tab.goto(f'http://127.0.0.1:{port}')
-    tab.get_by_role('button', name='Tare gauges').click()
-    wait_until(lambda: 'nobody offers' in tab.locator('.grasp-answer').inner_text(), 60)
-
-
-@pytest.mark.chromium
-def test_nodes_may_go_and_come_back_with_another_mesh(
-    view, grasp, tab, port: int, wait_until
-) -> None:
-    first = grasp(2)
-    running = view()
-    tab.goto(f'http://127.0.0.1:{port}')
-    wait_until(lambda: share_of(picture(tab), TABLE[0]) > 0.02, 60)
-    first.close()
-    second = grasp(3)
-    second.depth = 4.8e-3
-    wait_until(lambda: displacement_mm(tab) == 4.8, 60)
-    wait_until(lambda: deep(tab), 60)
-    assert running.process.poll() is None and 'Traceback' not in running.text
-
-
-@pytest.mark.chromium
 def test_a_tablet_held_upright_keeps_room_for_the_object(
-    view, grasp, open_tab, port: int, wait_until
+    address: str, squeezed, open_tab, wait_until
 ) -> None:
-    grasp().depth = 4.8e-3
-    view()
+    squeezed.depth = 4.8e-3
     tablet = open_tab(820, 1180, has_touch=True)
-    tablet.goto(f'http://127.0.0.1:{port}')
+    tablet.goto(address)
     wait_until(lambda: displacement_mm(tablet) == 4.8, 60)
     wait_until(lambda: not tablet.locator('.u-over').first.is_visible(), 60)
     tablet.get_by_role('button', name='Screenshot').tap()
+
+
+@pytest.mark.chromium
+def test_nodes_may_come_late_go_and_come_back_with_another_mesh(
+    view, tab, port: int, wait_until
+) -> None:
+    running = view()
+    tab.goto(f'http://127.0.0.1:{port}')
+    tab.get_by_role('button', name='Tare gauges').click()
+    wait_until(lambda: 'nobody offers' in tab.locator('.grasp-answer').inner_text(), 60)
+    with closing(Grasp(2)):
+        wait_until(lambda: share_of(picture(tab), TABLE[0]) > 0.02, 60)
+    with closing(Grasp(3)) as second:
+        second.depth = 4.8e-3
+        wait_until(lambda: displacement_mm(tab) == 4.8, 60)
+        wait_until(lambda: deep(tab), 60)
+    assert running.process.poll() is None and 'Traceback' not in running.text

@@ -21,13 +21,13 @@ def picture(tab) -> np.ndarray:
     tab.wait_for_timeout(150)
     shot = tab.screenshot()
     scene = Image.open(io.BytesIO(shot)).convert('RGB').crop(MIDDLE)
-    return np.asarray(scene).astype(int)
+    return np.asarray(scene).astype(np.int16)
 
 
 def share_of(image: np.ndarray, colour: np.ndarray, off: int = 2) -> float:
     """Which share of the picture's pixels is `colour` in some light, up to `off` of 255."""
     lights = np.linspace(DARKEST_UNREAD, 1.0, 26)
-    shades = lit_colours(np.repeat(colour[None], len(lights), axis=0), lights).astype(int)
+    shades = lit_colours(np.repeat(colour[None], len(lights), axis=0), lights).astype(np.int16)
     hit = [np.abs(image - shade).max(axis=2) <= off for shade in shades]
     return float(np.any(hit, axis=0).mean())
 
@@ -67,6 +67,14 @@ def row_of(tab, label: str, what: str):
     """A part of the slider called `label`: its `[@role="slider"]` or its `[@type="text"]`."""
     beside = f'//*[normalize-space(text())="{label}"]'
     return tab.locator(f'xpath={beside}/following::*{what}').first
+
+
+def as_at_first(tab) -> None:
+    """Choose what the page's controls have chosen when it starts."""
+    for label, first in (('Colour', 'displacement'), ('Answer', 'served')):
+        if tab.get_by_label(label, exact=True).input_value() != first:
+            choose(tab, label, first)
+    enter(tab, 'Exaggerate', 1.0)
 
 
 def slider(tab, label: str):

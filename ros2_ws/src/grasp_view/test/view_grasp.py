@@ -52,12 +52,8 @@ class Grasp:
     def __init__(self, subdivisions: int = 3) -> None:
         ball = trimesh.creation.icosphere(subdivisions=subdivisions, radius=RADIUS)
         self.rest = np.asarray(ball.vertices)
-        self.depth = 0.0
-        self.sigma = 1e-4
-        self.energy: float | None = None
-        self.turned = False
-        self._angle = 0.0
         self.called: list[str] = []
+        self._at_rest()
         self._context = Context()
         rclpy.init(context=self._context)
         self._node = rclpy.create_node('grasp', context=self._context)
@@ -98,6 +94,19 @@ class Grasp:
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin)
         self._thread.start()
+
+    def _at_rest(self) -> None:
+        self.depth = 0.0
+        self.sigma = 1e-4
+        self.energy: float | None = None
+        self.turned = False
+        self._angle = 0.0
+
+    def rest_again(self) -> None:
+        """Everything as it was before anybody squeezed it or called a service."""
+        self._at_rest()
+        self.called.clear()
+        self.state('CONTACT')
 
     def _spin(self) -> None:
         with suppress(ExternalShutdownException):

@@ -4,12 +4,7 @@
 from __future__ import annotations
 
 import array
-import fcntl
-import os
-import tempfile
 import time
-from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import rclpy
@@ -127,29 +122,6 @@ def cloud(contacts: ContactSample, frame='hand_base') -> PointCloud2:
 def packed(message: PointCloud2) -> np.ndarray:
     """(n, f) of a surface message, its fields in their order."""
     return np.frombuffer(message.data, np.float32).reshape(-1, len(message.fields))
-
-
-@contextmanager
-def own_domain():
-    """A ROS domain that no other test on this machine holds, for as long as the context lasts."""
-    for number in range(1, 101):
-        handle = (Path(tempfile.gettempdir()) / f'ros_domain_{number}.lock').open('w')
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            handle.close()
-            continue
-        before = os.environ.get('ROS_DOMAIN_ID')
-        os.environ['ROS_DOMAIN_ID'] = str(number)
-        try:
-            yield number
-        finally:
-            handle.close()
-            os.environ.pop('ROS_DOMAIN_ID')
-            if before is not None:
-                os.environ['ROS_DOMAIN_ID'] = before
-        return
-    raise RuntimeError('all 100 ROS domains are held by other tests')
 
 
 class Observer:

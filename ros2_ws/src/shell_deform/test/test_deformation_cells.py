@@ -9,6 +9,7 @@ import pytest
 from sensor_msgs.msg import PointCloud2
 from test_deformation_fingertips import felt
 from test_deformation_node import Node, serving, wait
+from tests.running import own_domain
 
 STEP = 10_000_000
 HEEL, TIP = 1, 16
@@ -17,7 +18,7 @@ HEEL, TIP = 1, 16
 
 @pytest.fixture(scope='module')
 def hand():
-    with live_hand.own_domain():
+    with own_domain():
         observer = live_hand.Observer()
         observer.tactile = observer.node.create_publisher(PointCloud2, 'hand/tactile', 10)
         yield observer
@@ -83,7 +84,7 @@ def test_the_surface_is_deepest_where_the_cells_feel_the_push(node, hand):
     ],
 )
 def test_a_node_refuses_shapes_that_cannot_be(tmp_path, assignments, says):
-    with live_hand.own_domain():
+    with own_domain():
         refused = Node(tmp_path / 'log', *assignments)
         refused.process.wait(60.0)
     assert refused.process.returncode != 0

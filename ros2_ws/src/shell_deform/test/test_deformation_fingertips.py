@@ -10,6 +10,7 @@ import trimesh
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2, PointField
 from test_deformation_node import Node, serving, set_parameter, wait
+from tests.running import own_domain
 
 STEP = 10_000_000
 HELD = 30
@@ -17,7 +18,7 @@ HELD = 30
 
 @pytest.fixture(scope='module')
 def hand():
-    with live_hand.own_domain():
+    with own_domain():
         observer = live_hand.Observer()
         observer.taxels = []
         observer.node.create_subscription(
@@ -204,7 +205,7 @@ def test_a_change_that_cannot_be_leaves_a_running_node_as_it_was(node, hand, tmp
     ],
 )
 def test_a_node_refuses_bodies_and_friction_that_cannot_be(tmp_path, assignment, says):
-    with live_hand.own_domain():
+    with own_domain():
         refused = Node(tmp_path / 'log', assignment)
         refused.process.wait(60.0)
     assert refused.process.returncode != 0

@@ -23,6 +23,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 from tests.executables import executable
 from tests.patience import Patience
+from tests.running import own_domain
 from tests.service_calls import answer
 
 from shell_deform.building import build_model
@@ -78,7 +79,7 @@ class Node:
 
 @pytest.fixture(scope='module')
 def hand():
-    with live_hand.own_domain():
+    with own_domain():
         observer = live_hand.Observer()
         yield observer
         observer.close()

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 from tests.executables import executable
 from tests.patience import Patience
+from tests.running import own_domain
 
 from shell_deform.building import build_model
 from shell_deform.live.background.solving import LiveSolver
@@ -288,7 +289,7 @@ class Arm:
 @pytest.fixture(scope='module')
 def arm(tube, model, tmp_path_factory):
     log = tmp_path_factory.mktemp('grips') / 'log'
-    with live_hand.own_domain():
+    with own_domain():
         observer = live_hand.Observer()
         made = Arm(observer, model)
         arguments = ['-p', f'object:={tube}', '-p', 'background_niceness:=0']

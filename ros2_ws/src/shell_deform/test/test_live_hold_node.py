@@ -12,6 +12,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 from test_deformation_node import Node
 from tests.patience import Patience
+from tests.running import own_domain
 
 from shell_deform.live.tick.hold import LATER_FIELDS, LATER_S
 from shell_deform.objects import load_object
@@ -36,7 +37,7 @@ def held(tmp_path_factory):
     path = folder / 'ball.yaml'
     path.write_text(BALL)
     law = load_object(str(path)).relaxation
-    with live_hand.own_domain():
+    with own_domain():
         hand = live_hand.Observer()
         later: list[PointCloud2] = []
         hand.node.create_subscription(

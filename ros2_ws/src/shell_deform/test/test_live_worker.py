@@ -23,6 +23,7 @@ from shell_deform.live.background.worker_link import (
 from shell_deform.live.exchange import REQUEST, Layout, create
 from shell_deform.live.pose import IDENTITY
 from shell_deform.live.tick.estimator import Estimator, Settings
+from shell_deform.live.tick.sample import no_contacts
 
 BALL = Build('tennis_ball_as_printed', 'koiter', 150, niceness=0)
 
@@ -232,6 +233,8 @@ def test_contact_sets_in_any_order_never_end_the_loop_and_the_last_one_is_answer
     ]
     for number, kind in enumerate(random.integers(0, len(kinds), 60), start=1):
         put(served, kinds[kind], number)
+    # A finger that has joined one that pressed alone was laid on the shape that this one made.
+    put(served, no_contacts(1), 99)
     record = put(served, squeeze_of(1e-3), 100)
     for number in range(101, 104):
         record = put(served, squeeze_of(1e-3), number)

@@ -4,7 +4,8 @@
 squeeze: the ball between two fingers, nonlinear beside linear, from our own solver (GIF).
 force: force over displacement of each theory beside the published rows.
 report, view, what_if: screenshots of the report, of the live page while the recorded ball is
-replayed, and of fingers placed by hand; they need a Chromium, the first two the recording.
+replayed (light, dark, on a tablet, on a phone), and of fingers placed by hand; they need a
+Chromium, the first two the recording.
 """
 
 from __future__ import annotations
@@ -53,8 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if missing:
             print(f'{name}: left out, it needs {" and ".join(missing)}')
             continue
-        path = DRAWERS[name]()
-        print(f'{path.relative_to(ROOT)}: {path.stat().st_size / 1e3:.0f} kB')
+        for path in DRAWERS[name]():
+            print(f'{path.relative_to(ROOT)}: {path.stat().st_size / 1e3:.0f} kB')
     return 0
 
 

@@ -19,6 +19,15 @@ from typing import Any
 from docs.make_pictures import BAG, BALL, PICTURES
 from tests.chromium import chromium, new_tab
 
+PHONE = {'has_touch': True, 'is_mobile': True, 'device_scale_factor': 2}
+SIZES: tuple[tuple[str, tuple[int, int], dict[str, Any]], ...] = (
+    ('view', (1440, 900), {}),
+    ('view_dark', (1440, 900), {'color_scheme': 'dark'}),
+    ('view_tablet', (1024, 768), {'has_touch': True}),
+    ('view_phone', (390, 844), PHONE),
+)
+"""The live page's pictures: name, window, and what else the browser is."""
+
 
 @contextlib.contextmanager
 def _browser(width: int, height: int) -> Iterator[Any]:
@@ -31,7 +40,7 @@ def _undisturbed(tab: Any) -> None:
     tab.locator('.mantine-Notification-closeButton').first.click()
 
 
-def draw_report() -> Path:
+def draw_report() -> list[Path]:
     """The report of the recorded ball, as a browser shows it."""
     path = PICTURES / 'report.png'
     with tempfile.TemporaryDirectory() as folder:
@@ -43,7 +52,7 @@ def draw_report() -> Path:
             tab.goto((Path(folder) / 'report.html').as_uri())
             tab.wait_for_selector('body.webgl')
             tab.screenshot(path=path)
-    return path
+    return [path]
 
 
 class _Processes(contextlib.ExitStack):
@@ -99,29 +108,36 @@ def _deep(tab: Any, least_mm: float) -> bool:
     return found is not None and float(found.group()) >= least_mm
 
 
-def draw_view() -> Path:
-    """The live page while the recorded ball is replayed through the real nodes."""
-    path, port = PICTURES / 'view.png', _free_port()
+def draw_view() -> list[Path]:
+    """The live page while the recorded ball is replayed through the real nodes, in all sizes."""
+    port = _free_port()
     ball = ('--ros-args', '-p', f'object:={BALL}')
-    with _Processes() as nodes, _browser(1280, 860) as tab:
+    with _Processes() as nodes, chromium() as browser:
         page = nodes.start('grasp_view', '--ros-args', '-p', f'port:={port}')
         _wait(nodes.start('deformation', *ball), 'serving')
         nodes.start('scan_compare', *ball)
         _wait(page, 'page ready')
-        tab.goto(f'http://127.0.0.1:{port}')
-        tab.wait_for_selector('.grasp-legend')
         # Slower than recorded, so that a slow browser does not miss the deep dent.
         nodes.start('replay', str(BAG), '--rate', '0.5', '--loop')
-        _undisturbed(tab)
-        deadline = time.monotonic() + 90
-        while not _deep(tab, 8.0) and time.monotonic() < deadline:
-            tab.wait_for_timeout(100)
-        tab.wait_for_timeout(2000)
-        tab.screenshot(path=path)
+        return [_shown(new_tab(browser, *size, **more), port, name) for name, size, more in SIZES]
+
+
+def _shown(tab: Any, port: str, name: str) -> Path:
+    """A picture of the page with a deep dent in that tab, which is closed."""
+    path = PICTURES / f'{name}.png'
+    tab.goto(f'http://127.0.0.1:{port}')
+    tab.wait_for_selector('.grasp-legend')
+    _undisturbed(tab)
+    deadline = time.monotonic() + 90
+    while not _deep(tab, 8.0) and time.monotonic() < deadline:
+        tab.wait_for_timeout(100)
+    tab.wait_for_timeout(2000)
+    tab.screenshot(path=path, scale='css')
+    tab.close()
     return path
 
 
-def draw_what_if() -> Path:
+def draw_what_if() -> list[Path]:
     """Fingers placed in the page, solved live."""
     path, port = PICTURES / 'what_if.png', _free_port()
     with _Processes() as nodes, _browser(1280, 860) as tab:
@@ -141,4 +157,4 @@ def draw_what_if() -> Path:
             tab.wait_for_timeout(100)
         tab.wait_for_timeout(3000)
         tab.screenshot(path=path)
-    return path
+    return [path]

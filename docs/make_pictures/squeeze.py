@@ -170,7 +170,7 @@ def _draw_cut(axes: Axes, solutions: Sequence[tuple[Squeeze, str, str]], step: i
     axes.set_title('cut through both pins', fontsize=10)
 
 
-def draw_squeeze() -> Path:
+def draw_squeeze() -> list[Path]:
     """The animated squeeze: the same force on the ball by nonlinear and by linear theory."""
     nonlinear = squeeze('koiter', np.linspace(0, DEEPEST_M, STEPS + 1)[1:].tolist(), False)
     linear = squeeze('linear', nonlinear.force[1:].tolist(), True)
@@ -204,7 +204,7 @@ def draw_squeeze() -> Path:
     frames[0].save(
         path, save_all=True, append_images=frames[1:], duration=90, loop=0, optimize=True
     )
-    return path
+    return [path]
 
 
 def _published() -> list[dict[str, float]]:
@@ -212,7 +212,7 @@ def _published() -> list[dict[str, float]]:
     return [row for row in table['rows'] if row['object'] == BALL]
 
 
-def draw_force() -> Path:
+def draw_force() -> list[Path]:
     """Force over displacement of the ball: three theories, one modulus, the published rows."""
     figure = _figure(7.5, 4.4)
     axes = figure.add_axes((0.09, 0.13, 0.89, 0.84))
@@ -250,4 +250,4 @@ def draw_force() -> Path:
     axes.legend()
     path = PICTURES / 'force_displacement.png'
     figure.savefig(path, metadata={'Software': None})
-    return path
+    return [path]

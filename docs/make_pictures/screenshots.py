@@ -19,12 +19,10 @@ from typing import Any
 from docs.make_pictures import BAG, BALL, PICTURES
 from tests.chromium import chromium, new_tab
 
-PHONE = {'has_touch': True, 'is_mobile': True, 'device_scale_factor': 2}
 SIZES: tuple[tuple[str, tuple[int, int], dict[str, Any]], ...] = (
     ('view', (1440, 900), {}),
     ('view_dark', (1440, 900), {'color_scheme': 'dark'}),
     ('view_tablet', (1024, 768), {'has_touch': True}),
-    ('view_phone', (390, 844), PHONE),
 )
 """The live page's pictures: name, window, and what else the browser is."""
 

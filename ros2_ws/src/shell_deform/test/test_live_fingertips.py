@@ -96,7 +96,7 @@ def torque(tips):
 def test_a_turned_finger_sticks_then_slips_and_gives_no_more_than_its_friction(tips):
     followed(tips, growing())
     found = []
-    for k, turn in enumerate((0.005, 0.01, 0.1, 0.2)):
+    for k, turn in enumerate((0.005, 0.01, 0.2, 0.3)):
         followed(tips, [squeeze(1.2e-3, turn, stamp=100 + k)])
         found.append(torque(tips))
     cells = taxels(tips)
@@ -179,7 +179,7 @@ def test_a_finger_that_joins_leaves_the_friction_of_the_others(tips):
     )
     followed(tips, [joined])
     assert tips.estimator.adopted.fingers.tolist() == [1, 2, 3]
-    assert before > 1e-3
+    assert before > 5e-4
     assert torque(tips) == pytest.approx(before, rel=0.05)
 
 

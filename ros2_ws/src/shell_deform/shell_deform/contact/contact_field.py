@@ -154,11 +154,14 @@ class Press:
         """Whether anything slips that is pressed."""
         return any(bool(np.any(touch.growth)) for touch in self.touches)
 
-    def follow(self, now: Press, step: Array) -> Array:
-        """Depths of all contacts after the control points moved by `step` (N,) from `now`."""
-        depth = now.depth.copy()
-        depth[self.touching] += (now.missing[self.touching] - self.rows.T @ step) / self.corner
-        return depth
+    def follow(self, step: Array, missing: Array) -> Array:
+        """Change of all depths where control points move by `step` (N,): forced bodies follow.
+
+        They push with what was `missing` (c,) then, too.
+        """
+        change = np.zeros_like(self.depth)
+        change[self.touching] = (missing[self.touching] - self.rows.T @ step) / self.corner
+        return change
 
 
 @dataclass(frozen=True)
@@ -310,11 +313,15 @@ class ContactField:
             weighted = touch.weights[:, None, None] * touch.stiffness
             self.face.add(touch.face, self.face.blocks(touch.face, weighted, touch.forces), data)
 
-    def grown(self, press: Press, step: Array) -> Array:
-        """(N,) nodal forces that a step (N,) adds by what the touches' stiffness leaves out."""
-        result = np.zeros_like(step)
+    def grown(self, press: Press, step: Array, missing: Array) -> Array:
+        """(N,) nodal forces that a step (N,) adds by what the touches' stiffness leaves out.
+
+        Forced bodies follow the step, and push with what was `missing` (c,), see `Press.follow`.
+        """
+        result, depth = np.zeros_like(step), press.follow(step, missing)
         for touch in press.touches:
             moved = self.face.moved(touch.face, step.reshape(-1, 3))
+            moved = moved - depth[self.contacts[touch.body]] * self.bodies[touch.body].axis
             force = touch.weights[:, None] * np.einsum('pij,pj->pi', touch.growth, moved)
             result += self.face.forces(touch.face, force).reshape(-1)
         return result

@@ -169,6 +169,8 @@ class ContactStep:
         lacking = (self._loads.moved - bordering.measure.T @ self._free)[bordering.driven]
         below = np.concatenate([lacking, -bordering.held.T @ self._free])
         unbalanced = self._fixed_push - gradient - pressed.eliminated(press)
+        if pressed.slips:
+            unbalanced += self._field.grown(pressed, np.zeros_like(unbalanced), press.missing)
         step, self._border = system.solve(unbalanced, below, refinements=1)
         if pressed.slips:
             step = self._coupled(system, pressed, step, np.zeros_like(below))
@@ -191,8 +193,9 @@ class ContactStep:
         if not 0.0 < size < np.inf:
             return step
         basis, images, borders = [step / size], [], []
+        given = np.zeros_like(pressed.missing)
         while True:
-            grown = self._field.grown(pressed, basis[-1])
+            grown = self._field.grown(pressed, basis[-1], given)
             further, border = system.solve(grown, none, refinements=0)
             if not np.all(np.isfinite(further)):
                 return step
@@ -212,7 +215,7 @@ class ContactStep:
     ) -> tuple[Press, float, Array]:
         """Go along a step, no further than where the energy of contact and wall stops to fall."""
         start, share = self._free, 1.0
-        depth = pressed.follow(press, step) - press.depth
+        depth = pressed.follow(step, press.missing)
         before = float((self._fixed_push - gradient) @ step + press.missing @ depth)
         for _ in range(MOST_CUTS):
             self._free = self._with_pressures(start + share * step)

@@ -8,6 +8,7 @@ import re
 
 import numpy as np
 from PIL import Image
+from tests.running import wait_until
 
 from grasp_view.colour_map import TABLE
 from grasp_view.shading import DARKEST_UNREAD, lit_colours
@@ -98,5 +99,12 @@ def drag(tab, label: str, share: float) -> float:
     tab.mouse.move(here['x'] + here['width'] / 2, y)
     tab.mouse.down()
     tab.mouse.move(way['x'] + share * way['width'], y, steps=10)
+
+    def value(name: str = 'now') -> float:
+        return float(thumb.get_attribute(f'aria-value{name}'))
+
+    least, most = value('min'), value('max')
+    # A busy browser follows the mouse late; released before that, the thumb stays on its way.
+    wait_until(lambda: abs(value() - least - share * (most - least)) < 0.05 * (most - least))
     tab.mouse.up()
-    return float(thumb.get_attribute('aria-valuenow'))
+    return value()

@@ -440,9 +440,9 @@ def test_a_first_touch_anywhere_is_answered_in_its_own_sample(node, hand):
     )
     wait(hand, lambda: hand.surfaces)
     assert largest(hand.surfaces[0]) == pytest.approx(7e-4, rel=0.1)
-    wait(hand, lambda: 'nonlinear_age' in hand.numbers)
-    assert hand.kinds[-1] == 'taking up'
-    assert np.isnan(hand.numbers['nonlinear_age'])
+    # What was told of the sample before may come late.
+    wait(hand, lambda: hand.kinds[-1:] == ['taking up'])
+    wait(hand, lambda: np.isnan(hand.numbers.get('nonlinear_age', 0.0)))
 
     def held(i):
         return live_hand.sample(
@@ -510,7 +510,8 @@ def test_a_node_that_waits_for_the_take_up_never_serves_less_than_an_equilibrium
     hand.clear()
     hand.send(live_hand.opposed([16.0] * 2, [5e-3] * 2, stamp=5001 * STEP))
     wait(hand, lambda: hand.surfaces)
-    assert hand.kinds[-1] == 'nonlinear'
+    # What was told of the sample before may come late.
+    wait(hand, lambda: hand.kinds[-1:] == ['nonlinear'])
     wait(hand, lambda: hand.nonlinear)
     away = live_hand.packed(hand.surfaces[0])[:, :3] - live_hand.packed(hand.nonlinear[-1])[:, :3]
     assert np.linalg.norm(away, axis=1).max() < 5e-5

@@ -34,6 +34,13 @@ def cell_pitch(cells: Array) -> float:
     return float(np.median(cKDTree(cells).query(cells, 2)[0][:, 1]))
 
 
+def square_parts(per_side: int) -> Array:
+    """(per_side^2, 3) centres of equal parts of the unit square about 0, in the plane z = 0."""
+    side = (np.arange(per_side) + 0.5) / per_side - 0.5
+    x, y = (grid.ravel() for grid in np.meshgrid(side, side))
+    return np.column_stack([x, y, np.zeros_like(x)])
+
+
 @dataclass(frozen=True)
 class CellShape:
     """How the push of one finger lies on its c touch cells.
@@ -81,10 +88,7 @@ def shaped_by_cells(
     origin, axes = frame
     cells, shares = shape.cells, shape.shares
     loaded = np.flatnonzero(shares > 0.0)
-    side = (np.arange(POINTS_PER_SIDE) + 0.5) / POINTS_PER_SIDE - 0.5
-    width = cell_pitch(cells) or patch.radius
-    x, y = (width * grid.ravel() for grid in np.meshgrid(side, side))
-    within = np.column_stack([x, y, np.zeros_like(x)])
+    within = (cell_pitch(cells) or patch.radius) * square_parts(POINTS_PER_SIDE)
     places = (cells[loaded, None] + within).reshape(-1, 3) @ axes.T + origin
     weight = np.repeat(shares[loaded] / len(within), len(within))
     found = surface.closest_point(control, places)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from shell_deform.contact.cell_load import square_parts
 from shell_deform.contact.contact_field import Touch
 
 Array = NDArray[np.float64]
@@ -22,7 +23,7 @@ PARTS = 4
 """A pressed point stands for a square that is cut into so many parts squared."""
 
 
-def cell_shares(touch: Touch, centres: Array) -> Array:
+def point_shares(touch: Touch, centres: Array) -> Array:
     """(c, p) how much of each pressed point lies on each cell of a body; columns sum to 1.
 
     `centres` (c, 3): of the cells in the body's frame [m]. A point stands for a square of its own
@@ -32,23 +33,22 @@ def cell_shares(touch: Touch, centres: Array) -> Array:
     count = len(touch.weights)
     if not count:
         return np.zeros((len(centres), 0))
-    side = (np.arange(PARTS) + 0.5) / PARTS - 0.5
-    x, y = (grid.ravel() for grid in np.meshgrid(side, side))
-    within = np.sqrt(touch.weights)[:, None, None] * np.column_stack([x, y, np.zeros_like(x)])
+    parts = square_parts(PARTS)
+    within = np.sqrt(touch.weights)[:, None, None] * parts
     places = touch.pose.inside(touch.face.position)[:, None] + within
     cell = cKDTree(centres).query(places.reshape(-1, 3))[1]
-    flat = cell * count + np.repeat(np.arange(count), len(x))
-    return np.bincount(flat, minlength=len(centres) * count).reshape(-1, count) / len(x)
+    flat = cell * count + np.repeat(np.arange(count), len(parts))
+    return np.bincount(flat, minlength=len(centres) * count).reshape(-1, count) / len(parts)
 
 
 def cell_forces(touch: Touch, centres: Array) -> Array:
     """(c, 3) forces of the shell on the cells of a body [N], in the body's frame.
 
-    `centres` (c, 3): of the cells in that frame [m]; see `cell_shares`.
+    `centres` (c, 3): of the cells in that frame [m]; see `point_shares`.
     """
     if not len(centres):
         return np.zeros((0, 3))
-    return np.asarray(cell_shares(touch, centres) @ (-touch.forces @ touch.pose.turn))
+    return np.asarray(point_shares(touch, centres) @ (-touch.forces @ touch.pose.turn))
 
 
 @dataclass(frozen=True)

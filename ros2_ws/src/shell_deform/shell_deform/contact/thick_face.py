@@ -92,7 +92,7 @@ class ThickFace:
         )  # fmt: skip
 
     def _points(self, unknowns: Array, at: Index, deep: bool) -> tuple[Array, Array]:
-        place, change = np.zeros((len(at), 3)), np.zeros((len(at), 63))
+        place, change = np.zeros((len(at), 3)), np.zeros((len(at) if deep else 0, 63))
         own = at < self._first_end
         inner, moved = np.zeros((int(own.sum()), 3)), np.zeros((int(own.sum()) if deep else 0, 63))
         arguments: Any = (

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.contact.contact_field import Touch
-from shell_deform.contact.taxels import cell_shares
+from shell_deform.contact.taxels import point_shares
 from shell_deform.live.background.fingers import Finger
 from shell_deform.live.exchange import MAX_TAXELS, TAXEL_FIELDS
 
@@ -34,7 +34,7 @@ def _rows(finger: Finger, touch: Touch) -> Array:
         if load.sum() > 0.0:
             centres = touch.pose.inside((load @ face / load.sum())[None])
     count = len(centres)
-    shares = np.ones((1, len(face))) if whole else cell_shares(touch, centres)
+    shares = np.ones((1, len(face))) if whole else point_shares(touch, centres)
 
     def summed(values: Array) -> Array:
         return np.asarray(shares @ values, dtype=float)

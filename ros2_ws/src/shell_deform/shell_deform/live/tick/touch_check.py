@@ -47,6 +47,11 @@ class TouchCells:
     cell: NDArray[np.int64]
     force: Array
 
+    def of(self, finger: int) -> Array:
+        """(c,) what the cells of one finger measure [N], in the order of their numbers."""
+        mine = self.finger == finger
+        return self.force[mine][np.argsort(self.cell[mine])]
+
 
 @dataclass(frozen=True)
 class TouchJudgement:
@@ -100,8 +105,7 @@ def judged(cells: TouchCells, taxels: Array, bodies: Mapping[int, FingerBody]) -
         body = of_finger(bodies, finger)
         if body is None or len(rows) != len(body.cells):
             continue
-        order = np.argsort(cells.cell[cells.finger == finger])
-        measured = cells.force[cells.finger == finger][order]
+        measured = cells.of(finger)
         expected = np.einsum('ci,ci->c', rows[:, 6:9], rows[:, 3:6])
         found = _compared(_summary(measured, body.cells), _summary(expected, body.cells))
         if found is not None and found[0] > worst.value:
@@ -124,12 +128,10 @@ def write_shapes(
     shaped = []
     for row in touch:
         finger = int(row['finger'])
-        body, mine = of_finger(bodies, finger), cells.finger == finger
+        body, force = of_finger(bodies, finger), cells.of(finger)
         turned = np.isfinite(row['along']).all() and abs(row['along'] @ row['normal']) < STEEPEST
-        if body is None or not mine.any() or not turned:
+        if body is None or not len(force) or not turned:
             continue
-        order = np.argsort(cells.cell[mine])
-        force = cells.force[mine][order]
         shares = cell_shares(force)
         if np.maximum(force, 0.0).sum() < SMALLEST_PUSH or not 0 < len(shares) <= MAX_CELLS:
             continue

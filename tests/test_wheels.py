@@ -17,6 +17,7 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from tests.first_use import take_compiled
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ROOT / 'ros2_ws' / 'src'
@@ -88,6 +89,7 @@ def environment(wheels: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         *(str(next(wheels.glob(f'{name}-*.whl'))) for name in ('grasp_common', 'shell_deform')),
     ]  # fmt: skip
     subprocess.run(command, check=True)
+    take_compiled(site / 'shell_deform')
     return base
 
 

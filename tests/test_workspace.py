@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from tests.executables import EXECUTABLES
+from tests.first_use import compile_two
 
 ROOT = Path(__file__).resolve().parent.parent
 ALL = [(package, name) for package, names in EXECUTABLES.items() for name in names]
@@ -128,6 +129,7 @@ def test_the_first_use_of_a_symlinked_workspace_finds_its_kernels_compiled(tmp_p
     package = ROOT / 'ros2_ws' / 'src' / 'shell_deform'
     unused = shutil.ignore_patterns('__pycache__', '*.egg-info')
     shutil.copytree(package, tmp_path / 'src' / 'shell_deform', ignore=unused)
+    compile_two(tmp_path / 'src' / 'shell_deform' / 'shell_deform')
     build(tmp_path, tmp_path / 'src', '--symlink-install')
     first = from_sites([tmp_path / 'build' / 'shell_deform'], '-c', FIRST_USE)
     place, complete = first.stdout.split()

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.first_use import compile_two
 
 import shell_deform
 from shell_deform.assemble import kernels
@@ -83,14 +84,7 @@ def test_the_first_use_of_this_installation_has_filled_its_cache(module):
 
 
 def test_the_first_use_of_an_installation_that_cannot_be_written_fills_the_named_cache(unwritable):
-    # Two modules instead of all, which take a minute of two cores.
-    modules = ('shell_deform.live.tick.serve_kernel', 'shell_deform.grasp.cone_kernel')
-    source = unwritable / 'shell_deform' / 'compiled' / 'first_use.py'
-    text = source.read_text()
-    source.write_text(
-        re.sub(r'^KERNELS = \(.*?^\)', f'KERNELS = {modules}', text, flags=re.M | re.S)
-    )
-    assert source.read_text() != text
+    modules = compile_two(unwritable / 'shell_deform')
     cache = unwritable / 'cache'
     for said in (['Compiling the shell kernels (first time only) ...', '... done'], []):
         stress, lines = stress_of(unwritable, {'NUMBA_CACHE_DIR': str(cache)})

@@ -37,6 +37,7 @@ MOST_DISTURBANCES = 3
 # How often the stop guard is looked after, and how much cooler a hot hand must get.
 GUARD_PERIOD_S = 0.1
 COOLER_C = 5.0
+SHUTTING_DOWN = 'the bridge is shutting down'
 
 
 @dataclass(frozen=True)
@@ -129,6 +130,7 @@ class HandWorker:
         self._ticks = threading.Event() if paced_by_ticks else None
         self._commands: queue.SimpleQueue[_Command] = queue.SimpleQueue()
         self._stopping = threading.Event()
+        self._ended = threading.Event()
         self._stop_motion = threading.Event()
         self._in_initialise = False
         self._thread = threading.Thread(target=self._run, name='hand_worker', daemon=True)
@@ -169,6 +171,9 @@ class HandWorker:
             if self._in_initialise:
                 self._hand.abort()
         self._commands.put(_Command(kind, future, motion))
+        if self._ended.is_set():
+            # Nobody else would answer any more.
+            self._refuse_all(SHUTTING_DOWN)
         return future
 
     def end(self) -> None:
@@ -196,10 +201,11 @@ class HandWorker:
                     self._failed(HandError(f'internal error of the driver: {error!r}'))
                     self._stopping.wait(LONGEST_WAIT_S if self._facts is None else FIRST_WAIT_S)
         finally:
-            self._end_motion(False, 'the bridge is shutting down')
+            self._end_motion(False, SHUTTING_DOWN)
             with contextlib.suppress(HandError):
                 self._hand.close()
-            self._refuse_all('the bridge is shutting down')
+            self._ended.set()
+            self._refuse_all(SHUTTING_DOWN)
 
     def _connect(self) -> None:
         try:

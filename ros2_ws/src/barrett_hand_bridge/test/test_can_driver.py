@@ -15,7 +15,7 @@ from barrett_hand_bridge.emulator.can_port import BusSchedule, CanPort
 from barrett_hand_bridge.emulator.faults import Fault
 from barrett_hand_bridge.emulator.mechanics import SCALE_280, HandBody, HandMechanics
 from barrett_hand_bridge.hand import HandError, HandNotInitialisedError
-from barrett_hand_bridge.puck import driver, homing
+from barrett_hand_bridge.puck import driver, homing, pucks
 from barrett_hand_bridge.puck.bus import open_bus
 from barrett_hand_bridge.puck.driver import CanHand, PuckOptions
 from barrett_hand_bridge.puck.frames import HandAddresses, set_frame
@@ -459,6 +459,25 @@ def test_error_frames_are_counted_and_told_with_the_terminator(quick):
     with pytest.raises(HandError, match='1 error frames.*one terminator'):
         hand.connect()
     noise.shutdown()
+
+
+@pytest.mark.parametrize('kind', ['another hand', 'an arm', 'a host', 'a broken cable'])
+def test_others_who_talk_without_end_hold_nothing_up(kind, monkeypatch):
+    monkeypatch.setattr(pucks, 'CHATTER_S', 0.01)
+    told = {
+        'another hand': {'arbitration_id': 0x6E3, 'data': bytes(6)},
+        'an arm': {'arbitration_id': 0x423, 'data': bytes(3)},
+        'a host': {'arbitration_id': 0x00B, 'data': b'\x05'},
+        'a broken cable': {'is_error_frame': True},
+    }[kind]
+    heard = itertools.repeat(can.Message(is_extended_id=False, **told), 10**6)
+    bus = SimpleNamespace(recv=lambda timeout: next(heard), send=lambda message, timeout: None)
+    ours = Pucks(bus)
+    ours.drain()
+    ours.drain(driver.QUIET_S)
+    assert ours.get(1, 'STAT') is None
+    # Which is no more than a part of what came.
+    assert next(heard)
 
 
 def test_broken_inner_encoders_can_be_left_out(bench):

@@ -303,7 +303,8 @@ def test_closing_stops_the_motors(emulated):
 
 
 def test_a_silent_line_is_one_clear_sentence(monkeypatch):
-    monkeypatch.setattr(line, 'LONG_PATIENCE_S', 0.1)
+    monkeypatch.setattr(line, 'SHORT_PATIENCE_S', 0.01)
+    monkeypatch.setattr(line, 'LONG_PATIENCE_S', 0.02)
 
     class Silence:
         baudrate, timeout, in_waiting = 9600, 0.0, 0
@@ -317,8 +318,36 @@ def test_a_silent_line_is_one_clear_sentence(monkeypatch):
         def close(self):
             self.closed = True
 
-    with pytest.raises(HandError, match='no prompt from the hand at 9600, 38400, 19200 baud'):
+    with pytest.raises(
+        HandError, match='no prompt from the hand at 9600, 38400, 19200 baud'
+    ) as one:
         SerialHand(Silence, baud=9600).connect()
+    assert 'memory' not in str(one.value)
+
+
+class ForgetfulHand(EmulatedHand):
+    """A hand that has lost its memory: what it was told to do it answers with `instead`."""
+
+    instead = ''
+
+    def _execute(self, line):
+        if line.startswith(self.forgets):
+            self._output += f'\n\r{self.instead}'.encode()
+        else:
+            super()._execute(line)
+
+
+@pytest.mark.parametrize(
+    ('forgets', 'instead'),
+    [('', 'Load firmware?'), ('VERS', '\x7f\x01\n\r=> '), ('PGET', 'ERR 32\n\r=> ')],
+)
+def test_a_hand_that_stood_without_power_is_named_as_one(monkeypatch, forgets, instead):
+    monkeypatch.setattr(line, 'SHORT_PATIENCE_S', 0.02)
+    monkeypatch.setattr(line, 'LONG_PATIENCE_S', 0.02)
+    hand = ForgetfulHand(HandMechanics(HandBody(), seed=2))
+    hand.forgets, hand.instead = forgets, instead
+    with pytest.raises(HandError, match='stood without power for a day.*loaded again$'):
+        connect(hand)
 
 
 def test_a_missing_port_is_named():

@@ -238,6 +238,8 @@ def test_the_end_closes_the_hand_and_answers_what_was_asked(bench, wait_until):
     worker.end()
     assert move.done() and not move.result().success
     assert hand.log[-1] == 'close'
+    # Also what is asked for later still.
+    assert 'shutting down' in worker.submit('tare').result(10.0).message
 
 
 def test_a_stop_guard_that_died_is_told_of(bench, wait_until, monkeypatch):

@@ -17,7 +17,7 @@ from barrett_hand_bridge.gcl.language import (
     HandLinkError,
     HandRefusedError,
 )
-from barrett_hand_bridge.gcl.line import Line
+from barrett_hand_bridge.gcl.line import LOST_MEMORY, Line
 from barrett_hand_bridge.gcl.port import Port
 from barrett_hand_bridge.gcl.realtime import (
     ACKNOWLEDGE,
@@ -129,10 +129,11 @@ class SerialHand:
         """
         self.close()
         port = self._open_line()
-        line = Line(port)
+        line, answers = Line(port), False
         try:
             speeds = (9600, *(speed for speed in (self._baud, 38400, 19200) if speed != 9600))
             line.find_speed(tuple(dict.fromkeys(speeds)))
+            answers = True
             line.change_speed(self._baud)
             firmware = language.parse_firmware(line.command('VERS').values)
             if self._temperature:
@@ -149,7 +150,8 @@ class SerialHand:
         except (HandLinkError, ValueError, serial.SerialException, OSError) as error:
             with contextlib.suppress(serial.SerialException, OSError):
                 port.close()
-            raise HandError(f'no usable BarrettHand on the serial line: {error}') from error
+            hint = f'. {LOST_MEMORY}' if answers and not isinstance(error, OSError) else ''
+            raise HandError(f'no usable BarrettHand on the serial line: {error}{hint}') from error
         self._line = line
         if self._make_guard is not None:
             self._guard = self._make_guard(port)

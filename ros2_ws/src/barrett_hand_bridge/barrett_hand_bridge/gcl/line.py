@@ -21,6 +21,11 @@ UNKNOWN_PARAMETER = 64
 ANSWER_TIMEOUT_S = 2.0
 SHORT_PATIENCE_S = 0.3
 LONG_PATIENCE_S = 1.5
+SILENCE = '(silence)'
+LOST_MEMORY = (
+    'A hand that stood without power for a day has lost its memory: it asks for its firmware, or '
+    'obeys erratically, until that is loaded again'
+)
 
 
 class Line:
@@ -113,7 +118,7 @@ class Line:
                 return
         raise HandLinkError(
             f'no prompt from the hand at {self.port.baudrate} baud'
-            + (f' (heard {heard[-20:]!r})' if heard else ' (silence)')
+            + (f' (heard {heard[-20:]!r})' if heard else f' {SILENCE}')
         )
 
     def find_speed(self, speeds: tuple[int, ...]) -> int:
@@ -134,8 +139,7 @@ class Line:
         tried = ', '.join(str(speed) for speed in speeds)
         raise HandLinkError(
             f'no prompt from the hand at {tried} baud {heard}: is it powered, is the cable '
-            'straight-through? A hand that stood without power for a day has lost its '
-            'memory: it asks for its firmware, or obeys erratically, until that is loaded again'
+            'straight-through?' + ('' if heard == SILENCE else f' {LOST_MEMORY}')
         )
 
     def change_speed(self, speed: int) -> None:

@@ -33,6 +33,8 @@ REPLY_S = 0.1
 SEND_S = 0.1
 # How long a full transmit queue gets to empty before the next try: two frames at 1 Mbit/s.
 FULL_QUEUE_S = 0.0003
+# Others may talk on a bus without end, or disturb it: what is not for us is thrown away so long.
+CHATTER_S = 0.05
 
 
 class Pucks:
@@ -90,8 +92,7 @@ class Pucks:
             HandError: the bus is gone.
         """
         deadline = time.monotonic() + timeout_s
-        while True:
-            left = deadline - time.monotonic()
+        while (left := deadline - time.monotonic()) > -CHATTER_S:
             try:
                 message = self._bus.recv(timeout=max(left, 0.0))
             except (can.CanError, OSError, ValueError) as error:
@@ -105,6 +106,7 @@ class Pucks:
                 continue
             if message.arbitration_id >> 5 & 0x1F != HOST:
                 return Frame(message.arbitration_id, bytes(message.data))
+        return None
 
     def bus_state(self) -> str:
         """What the bus says of itself."""
@@ -115,8 +117,12 @@ class Pucks:
         return f'bus state {state}, {self.error_frames} error frames'
 
     def drain(self, quiet_s: float = 0.0) -> None:
-        """Throw away what has come, and what comes before the bus is quiet for a time."""
-        while self.receive(quiet_s) is not None:
+        """Throw away what has come, and what comes before the bus is quiet for a time.
+
+        A bus on which others talk without end is never quiet: it is left after `CHATTER_S`.
+        """
+        end = time.monotonic() + CHATTER_S
+        while self.receive(quiet_s) is not None and time.monotonic() < end:
             continue
 
     def ask_all(self, name: str) -> None:

@@ -74,6 +74,9 @@ def command(name: str, module: str, usage: str = '') -> Main:
         except ModuleNotFoundError as error:
             complain(name, missing(error))
             return 1
+        except KeyboardInterrupt:
+            complain(name, 'interrupted')
+            return 1
         except BrokenPipeError:
             # Whoever read the output (`| head`) has seen enough: nothing can be flushed there.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -93,6 +93,15 @@ def test_the_program_itself_may_catch_an_interrupt(tmp_path: Path) -> None:
     assert run(tmp_path).returncode == 7
 
 
+def test_an_interrupt_of_a_program_that_does_not_is_one_sentence(tmp_path: Path) -> None:
+    script(
+        tmp_path,
+        'import os, signal\ndef main(arguments):\n    os.kill(os.getpid(), signal.SIGINT)\n',
+    )
+    done = run(tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (1, '', 'small: interrupted\n')
+
+
 def test_options_complete_in_a_shell(tmp_path: Path) -> None:
     script(
         tmp_path,

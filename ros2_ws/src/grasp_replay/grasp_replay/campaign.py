@@ -12,21 +12,19 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-import multiprocessing
-import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from grasp_common.worker_pool import worker_pool
 from grasp_replay.errors import BagError
 
 ATTEMPTS = 3
 CODE = ('grasp_replay', 'shell_deform', 'scan_compare')
-THREAD_VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 GRID_KEYS = ('young_modulus_pa', 'thickness_m', 'poisson_ratio', 'control_vertices')
 
 
@@ -172,16 +170,11 @@ Answer = bool | BagError
 
 def _on_processes(work: dict[int, Work], processes: int) -> Iterator[tuple[int, Answer]]:
     """Each task's answer as it comes; a broken pool is replaced and its open tasks repeated."""
-    for variable in THREAD_VARIABLES:
-        os.environ.setdefault(variable, '1')
     waiting = dict(work)
     for attempt in range(ATTEMPTS):
         if not waiting:
             return
-        with ProcessPoolExecutor(
-            max_workers=max(1, min(processes, len(waiting))),
-            mp_context=multiprocessing.get_context('spawn'),
-        ) as pool:
+        with worker_pool(max(1, min(processes, len(waiting)))) as pool:
             futures: dict[Future[bool], int] = {
                 pool.submit(run_task, *waiting[number]): number for number in waiting
             }

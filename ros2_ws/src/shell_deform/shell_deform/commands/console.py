@@ -22,9 +22,6 @@ def run(program: str, job: Callable[[], None]) -> int:
     except (CommandError, ValueError, OSError) as error:
         complain(program, error)
         return 1
-    except KeyboardInterrupt:
-        complain(program, 'interrupted')
-        return 1
     return 0
 
 

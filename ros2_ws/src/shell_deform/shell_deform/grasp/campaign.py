@@ -10,15 +10,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
 import os
 import pickle
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
+from grasp_common.worker_pool import worker_pool
 from shell_deform.compiled.halves import keep_to_one_core
 from shell_deform.contact.finger_bodies import read_finger_bodies
 from shell_deform.grasp.mapping import MapRequest, described, map_grasp
@@ -27,8 +27,6 @@ from shell_deform.grasp.sampling import FINGERTIPS
 ATTEMPTS = 3
 BATCH = 8
 """Grasps that a worker takes at once; each of them is kept when it is done."""
-
-THREAD_VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 
 
 class CampaignError(RuntimeError):
@@ -98,17 +96,12 @@ def _on_processes(
     request: MapRequest, batches: list[list[int]], folder: str, processes: Any
 ) -> Iterator[list[int]]:
     """Batches as they come; a broken pool is replaced and what is open repeated."""
-    for variable in THREAD_VARIABLES:
-        os.environ.setdefault(variable, '1')
     waiting = {number: batch for number, batch in enumerate(batches)}
     for _ in range(ATTEMPTS):
         if not waiting:
             return
-        with ProcessPoolExecutor(
-            max_workers=max(1, min(int(processes), len(waiting))),
-            mp_context=multiprocessing.get_context('spawn'),
-            initializer=keep_to_one_core,
-        ) as pool:
+        most = max(1, min(int(processes), len(waiting)))
+        with worker_pool(most, keep_to_one_core) as pool:
             futures = {
                 pool.submit(run_batch, request, batch, folder): number
                 for number, batch in waiting.items()

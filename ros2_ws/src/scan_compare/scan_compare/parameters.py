@@ -14,6 +14,9 @@ from scan_compare.rigid import Pose, rotation_from_quaternion
 from scan_compare.units import METRES_PER_UNIT
 
 # This table is a usage text, too: what needs the solver is imported where it is used.
+FARTHEST_M = 10.0
+"""As far as an object and a scanner may be from their frames, as for the live node."""
+
 SCANNER_SIGMA_M = 0.127e-3
 """As the registration has it."""
 
@@ -83,6 +86,10 @@ def pose(name: str, numbers: Any) -> Pose:
     values = np.asarray(list(numbers), float)
     if values.shape != (7,) or not np.all(np.isfinite(values)):
         raise ParameterError(f'{name} is {list(numbers)}; it needs x y z (m) qx qy qz qw')
+    if np.abs(values[:3]).max() > FARTHEST_M:
+        raise ParameterError(
+            f'{name} is {values[:3].tolist()} m away; within {FARTHEST_M:g} m is allowed'
+        )
     length = float(np.linalg.norm(values[3:]))
     if not 0.99 < length < 1.01:
         raise ParameterError(f'{name} has a quaternion of length {length:.4g}; it must be 1')

@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -94,7 +95,13 @@ class ScanCompareNode(Node):
         }
         self._numbers = self.create_publisher(JointState, 'scan/numbers', reliable)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', reliable)
-        self.create_subscription(PointCloud2, 'scan/points', self._scan_message, reliable)
+        self.create_subscription(
+            PointCloud2,
+            'scan/points',
+            self._scan_message,
+            reliable,
+            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._lacking),
+        )
         self.create_subscription(
             PointCloud2,
             'deformation/surface',
@@ -138,6 +145,12 @@ class ScanCompareNode(Node):
         return SetParametersResult(successful=True)
 
     # ---- inputs
+
+    def _lacking(self, _: QoSRequestedIncompatibleQoSInfo) -> None:
+        self._refuse(
+            'somebody publishes scan/points BEST_EFFORT: of a scan all parts must arrive, so none '
+            'of theirs is taken; publish it RELIABLE'
+        )
 
     def _mesh_message(self, message: Mesh) -> None:
         try:

@@ -2,9 +2,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from grasp_common.parameter_table import ParameterError
 from scan_compare.pairing import finger_forces, remarks, start_pose
-from scan_compare.parameters import PARAMETERS
+from scan_compare.parameters import PARAMETERS, pose
 from scan_compare.rigid import IDENTITY
 from scan_compare.surface_history import StampedSurface
 
@@ -50,3 +52,18 @@ def test_a_surface_of_another_time_and_the_forces_are_remarked() -> None:
 
 def test_without_a_surface_the_object_at_rest_is_named() -> None:
     assert 'object at rest' in remarks(SECOND, None, 0.5, {})[0]
+
+
+@pytest.mark.parametrize(
+    ('numbers', 'sentence'),
+    [
+        ([1e300, 0, 0, 0, 0, 0, 1], 'within 10 m is allowed'),
+        ([0, 325.0, 0, 0, 0, 0, 1], 'within 10 m is allowed'),
+        ([0, 0, 0, 0, 0, 0, 2], 'a quaternion of length 2'),
+        ([0, 0, 0, 0, 0, 0, np.nan], 'needs x y z'),
+        ([0, 0, 0], 'needs x y z'),
+    ],
+)
+def test_a_pose_that_is_none_is_refused(numbers: list[float], sentence: str) -> None:
+    with pytest.raises(ParameterError, match=sentence):
+        pose('scan_pose', numbers)

@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rclpy.qos import qos_profile_sensor_data
 from scan_observer import ScanObserver
 from scan_shells import ball, scan_points, two_dents
+from sensor_msgs.msg import PointCloud2
 
 from scan_compare.deformed_surface import (
     DeformedSurface,
@@ -206,6 +208,9 @@ def test_the_service_without_any_scan_says_what_is_missing(
     answer = observer.call_compare()
     assert not answer.success
     assert 'no scan has arrived' in answer.message
+    # A scanner that loses parts offers none.
+    observer.node.create_publisher(PointCloud2, 'scan/points', qos_profile_sensor_data)
+    observer.wait(lambda: 'publish it RELIABLE' in observer.summary)
 
 
 def test_a_killed_comparing_process_is_replaced(

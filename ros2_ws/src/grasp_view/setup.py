@@ -41,6 +41,7 @@ setup(
         'numpy>=1.26',
         'scipy>=1.11',
         'viser',
+        'msgspec',
         'websockets',
         'pillow',
         'trimesh',

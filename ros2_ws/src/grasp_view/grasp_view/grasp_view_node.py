@@ -122,7 +122,7 @@ class GraspView(Node):
         self._replay = ReplayState(0.0, float('nan'))
         self._replay_at = float('-inf')
         self._polled: list[tuple[Any, Take, Take]] = []
-        self._drawn = 0
+        self._drawn = self._left_out = 0
         self._subscribe()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.page = Page(
@@ -314,7 +314,17 @@ class GraspView(Node):
         if self.page.watched:
             now = time.monotonic()
             replay = self._replay if now - self._replay_at < REPLAY_GONE_S else None
-            self.page.update(self._snapshot, replay, now - self._surface_at, now - self._reset_at)
+            try:
+                self.page.update(
+                    self._snapshot, replay, now - self._surface_at, now - self._reset_at
+                )
+            except (ArithmeticError, LookupError, ValueError) as error:
+                # Whatever cannot be drawn of what came, the next one finds the page as it was.
+                self._left_out += 1
+                self.get_logger().warning(
+                    f'a picture is left out: {type(error).__name__}: {error}',
+                    throttle_duration_sec=5.0,
+                )
 
     def _remember(self) -> None:
         snapshot = self._snapshot
@@ -348,6 +358,7 @@ class GraspView(Node):
             'browsers': clients,
             'surfaces drawn in the last second': drawn - self._drawn,
             'pictures kept': len(self._history),
+            'pictures left out': self._left_out,
         }
         self._drawn = drawn
         now, name = self.get_clock().now().nanoseconds, status_name(self, 'page')

@@ -19,7 +19,7 @@ from grasp_common.point_cloud import CloudReader, MessageError
 from .curves import GripState, Later
 from .grasp_measures import GraspMeasures
 from .hand_description import joint_positions
-from .poses import Pose
+from .poses import FARTHEST_M, Floats, Pose
 from .scene_model import Cloud, Contacts, Mesh, Surface
 
 
@@ -34,9 +34,7 @@ def read_surface(message: PointCloud2) -> Surface:
     points = reader.read(message)
     position = reader.columns(points, ('x', 'y', 'z'))
     moved = reader.columns(points, ('ux', 'uy', 'uz'))
-    known = int(np.isfinite(np.hstack([position, moved])).all(axis=1).sum())
-    if known < len(points):
-        raise MessageError(f'{len(points) - known} of {len(points)} vertices are not finite')
+    _check_places(position, moved)
     energy = 'energy_density' in (points.dtype.names or ())
     return Surface(
         seconds(message.header.stamp),
@@ -46,6 +44,17 @@ def read_surface(message: PointCloud2) -> Surface:
         reader.column(points, 'sigma', np.nan).astype(np.float32),
         reader.column(points, 'energy_density').astype(np.float32) if energy else None,
     )
+
+
+def _check_places(*columns: Floats) -> None:
+    """Raise MessageError unless vertices lie, and have moved, within reach."""
+    places = np.hstack(columns)
+    known = int((np.abs(places) <= FARTHEST_M).all(axis=1).sum())
+    if known < len(places):
+        raise MessageError(
+            f'{len(places) - known} of {len(places)} vertices are not finite or further away '
+            f'than {FARTHEST_M:g} m'
+        )
 
 
 def read_contacts(message: PointCloud2) -> Contacts:
@@ -147,12 +156,18 @@ def read_cloud(message: PointCloud2, most: int) -> Cloud:
 
 
 def read_mesh(message: MeshMessage) -> Mesh:
-    """`deformation/mesh`; raises MessageError if a triangle names a vertex that is not there."""
+    """`deformation/mesh`; raises MessageError if a triangle names a vertex that is not there.
+
+    And for one that cannot be drawn: without triangles, or with vertices nowhere.
+    """
     rest = np.array([(p.x, p.y, p.z) for p in message.vertices], dtype=np.float64).reshape(-1, 3)
     faces = [t.vertex_indices for t in message.triangles]
     triangles = np.array(faces, dtype=np.int64).reshape(-1, 3)
-    if len(triangles) and int(triangles.max()) >= len(rest):
+    if not len(triangles):
+        raise MessageError('the mesh has no triangles')
+    if int(triangles.max()) >= len(rest):
         raise MessageError(f'a triangle names vertex {triangles.max()} of {len(rest)}')
+    _check_places(rest)
     return Mesh(triangles, rest)
 
 

@@ -4,8 +4,8 @@
 Any web site that is open in the operator's browser can open a WebSocket to this machine, also to
 127.0.0.1, and a name that its owner points here makes the page its own (DNS rebinding). Browsers
 say where a request comes from: `Host` must be the address of this server, `Origin` the page's.
-viser checks neither and has no hook for it, so the function that it serves with is replaced while
-it starts.
+viser checks neither, nor what a page says, and has no hook for it, so the function that it serves
+with is replaced while it starts.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Response
 
 from .front_page import FrontPage
+from .incoming import Incoming
 
 # A browser may leave between two lines of ours; what was for it then is nobody's loss.
 warnings.filterwarnings('ignore', message='Queued a .* on a closed connection')
@@ -42,8 +43,10 @@ class OwnServer(viser.ViserServer):
         Raises OSError where this machine does not have that address.
         """
         _check_address(host, port)
-        with _gated(front):
+        incoming = Incoming()
+        with _gated(front, incoming):
             super().__init__(host=host, port=port, verbose=False)
+        incoming.gui = self.gui
 
     def cookies(self, client: viser.ClientHandle) -> str:
         """The cookies that a browser sent with its request for the socket; empty if unknown."""
@@ -97,13 +100,13 @@ def _check_address(host: str, port: int) -> None:
 
 
 @contextlib.contextmanager
-def _gated(front: FrontPage) -> Iterator[None]:
-    """Whatever begins to serve meanwhile asks `refusal` first."""
+def _gated(front: FrontPage, incoming: Incoming) -> Iterator[None]:
+    """Whatever begins to serve meanwhile asks `refusal` first, and hears what is `incoming`."""
     serve = websocket_server.serve
 
-    def serve_gated(*arguments: Any, **options: Any) -> Any:
-        inner = options.pop('process_request', None)
-        return serve(*arguments, process_request=_gate(inner, front), **options)
+    def serve_gated(handler: Any, *arguments: Any, **options: Any) -> Any:
+        inner, heard = options.pop('process_request', None), incoming.checked(handler)
+        return serve(heard, *arguments, process_request=_gate(inner, front), **options)
 
     with _replacing:
         websocket_server.serve = serve_gated  # type: ignore[assignment, misc]

@@ -11,6 +11,10 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 
 
+FARTHEST_M = 1e3
+"""Nothing of a scene is further away, in whatever frame."""
+
+
 class PoseError(ValueError):
     """A pose that is none; the text says which number is wrong."""
 
@@ -75,6 +79,8 @@ class Pose:
             raise PoseError(
                 f'pose {values.tolist()} is not seven finite numbers x y z qx qy qz qw'
             )
+        if np.abs(values[:3]).max() > FARTHEST_M:
+            raise PoseError(f'pose {values.tolist()} is further away than {FARTHEST_M:g} m')
         return Pose(rotation_of(values[3:]), values[:3])
 
     def points(self, points: Floats) -> Floats:

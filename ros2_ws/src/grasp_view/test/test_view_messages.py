@@ -148,6 +148,16 @@ def test_a_mesh_that_names_a_vertex_it_does_not_have_is_refused() -> None:
         read_mesh(message)
 
 
+@pytest.mark.parametrize('x', [np.nan, -np.inf, 1e30])
+def test_a_mesh_that_cannot_be_drawn_is_refused(x: float) -> None:
+    triangle = MeshTriangle(vertex_indices=np.array([0, 1, 2], dtype=np.uint32))
+    message = Mesh(vertices=[Point(), Point(), Point(x=x)], triangles=[triangle])
+    with pytest.raises(MessageError, match='1 of 3 vertices are not finite or further'):
+        read_mesh(message)
+    with pytest.raises(MessageError, match='no triangles'):
+        read_mesh(Mesh(vertices=[Point()]))
+
+
 @pytest.mark.parametrize(
     ('name', 'asked', 'known'),
     [

@@ -42,7 +42,8 @@ def grasp_sections(rows: Sequence[Mapping[str, Any]]) -> list[Section]:
         'the object to the first limit of the wall, which rows beyond it take from the last one '
         'that keeps it; the mark is the push of the row.'
         '</figcaption></figure>'
-        '<div class="wide"><table id="grasp-rows"><thead><tr>{head}</tr></thead>'
+        '<div class="wide"><table id="grasp-rows"><caption>What the grasp of each row needs, '
+        'lifts and bears.</caption><thead><tr>{head}</tr></thead>'
         '<tbody>{cells}</tbody></table></div><p class="note">{note}.</p>'
     ).format(
         curve=Markup(svg(needed_friction(known))),
@@ -146,7 +147,7 @@ def needed_friction(rows: Sequence[Mapping[str, Any]]) -> Figure:
     axes.set(xlabel='mean push of the fingers (N)', ylabel='friction (-)')
     axes.set_xlim(left=0)
     axes.set_ylim(bottom=0)
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=8, loc='center left')
     return figure
 
 

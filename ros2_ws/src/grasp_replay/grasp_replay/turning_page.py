@@ -6,12 +6,13 @@ from __future__ import annotations
 import base64
 import csv
 import io
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
+from grasp_replay.report.plain_page import plain_page
 from grasp_replay.results import json_text, write_file
 
 NUMBERS, TABLE, PAGE = 'turning.json', 'turning.csv', 'turning.html'
@@ -26,17 +27,21 @@ def write_turn(turn: dict[str, Any], out: Path) -> Path:
     writer.writeheader()
     writer.writerows(turn['rows'])
     write_file(out / TABLE, text.getvalue())
-    facts = ''.join(f'<p>{escape(line)}</p>' for line in sentences(turn))
-    picture = base64.b64encode(_picture(turn)).decode()
     title = f'{turn["object"]}: torque against angle'
-    write_file(
-        out / PAGE,
-        '<!doctype html><html lang="en"><meta charset="utf-8">'
-        f'<title>{escape(title)}</title><body style="font-family:sans-serif;max-width:60em;'
-        f'margin:2em auto"><h1>{escape(title)}</h1><p>{escape(turn["label"])}</p>'
-        f'<img alt="{escape(title)}" src="data:image/svg+xml;base64,{picture}">{facts}</body>'
-        '</html>\n',
+    facts = Markup('').join(Markup('<p>{}</p>').format(line) for line in sentences(turn))
+    body = Markup(
+        '<p>{}</p>\n<figure><img alt="{}" src="data:image/svg+xml;base64,{}">'
+        '<figcaption>Torque of grip {} over the angle that it has turned: solved, {}what friction '
+        'allows where fingers rub.</figcaption></figure>\n{}'
+    ).format(
+        turn['label'],
+        title,
+        base64.b64encode(_picture(turn)).decode(),
+        turn['grip'],
+        'measured by the wrist, ' if 'rms_error_nm' in turn else '',
+        facts,
     )
+    write_file(out / PAGE, plain_page(title, body))
     return out / PAGE
 
 

@@ -47,8 +47,9 @@ def test_the_bent_tube_is_solved_beside_the_solid(tmp_path, capsys):
     assert turn['rms_error_nm'] < 0.01 * largest
     assert json.loads((tmp_path / 'turning.json').read_text()) == turn
     assert (tmp_path / 'turning.csv').read_text().startswith('time_s,turn_rad,torque_nm')
-    assert '<svg' not in (tmp_path / 'turning.html').read_text()
-    assert 'largest torque' in (tmp_path / 'turning.html').read_text()
+    text = (tmp_path / 'turning.html').read_text()
+    assert '<svg' not in text
+    assert 'largest torque' in text and '<b>Figure 1.</b>' in text
 
 
 def test_the_cap_slips_at_the_sum_of_friction_and_is_announced_before():

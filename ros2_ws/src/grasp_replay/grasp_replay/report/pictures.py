@@ -78,9 +78,11 @@ def palette() -> npt.NDArray[np.uint8]:
 def indexed(pixels: npt.NDArray[np.uint8]) -> Image.Image:
     """Pixels (h, w, 3) as an image of the palette's nearest colours, without dithering."""
     table = palette()
-    colours, where = np.unique(pixels.reshape(-1, 3), axis=0, return_inverse=True)
+    red, green, blue = np.moveaxis(pixels.astype(np.int32), -1, 0)
+    numbers, where = np.unique((red << 16 | green << 8 | blue).ravel(), return_inverse=True)
+    colours = np.stack([numbers >> 16, numbers >> 8 & 255, numbers & 255], axis=1)
     nearest = cKDTree(table.astype(float)).query(colours)[1].astype(np.uint8)
-    image = Image.fromarray(nearest[where.ravel()].reshape(pixels.shape[:2]))
+    image = Image.fromarray(nearest[where].reshape(pixels.shape[:2]))
     image.putpalette(table.tobytes())
     return image
 
@@ -162,11 +164,11 @@ def _arrows(axes: Axes, camera: Camera, scene: RowScene, length: float) -> None:
 def triptych(scene: RowScene, tops: ErrorScales) -> Figure:
     """Scan, nonlinear, linear from one camera; the error in colour, each theory's own scale."""
     camera = dent_camera(scene)
-    figure = figure_of(11.0, 4.35)
+    figure = figure_of(11.0, 4.3)
     flat, _ = camera.project(np.concatenate([scene.rest, scene.nonlinear, scene.linear]))
     reach = 1.10 * float(np.abs(flat).max()) * MILLI
     radius = seen_radius(scene)
-    panels = [figure.add_axes((0.005 + 0.333 * k, 0.10, 0.325, 0.77)) for k in range(3)]
+    panels = [figure.add_axes((0.005 + 0.333 * k, 0.14, 0.325, 0.74)) for k in range(3)]
     headings = ['scan', 'nonlinear', 'linear']
     for axes, heading in zip(panels, headings, strict=True):
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect='equal')
@@ -188,15 +190,15 @@ def triptych(scene: RowScene, tops: ErrorScales) -> Figure:
             orientation='horizontal',
             extend='max',
         )
-        bar.ax.tick_params(labelsize=8, pad=1)
-        bar.set_label('|distance scan to surface| (mm), scale of this theory', fontsize=8)
+        bar.ax.tick_params(labelsize=10, pad=1)
+        bar.set_label('|distance scan to surface| (mm), scale of this theory', fontsize=10)
     for axes in panels:
         _arrows(axes, camera, scene, 0.28 * reach / MILLI)
     figure.text(
         0.005,
         0.015,
         f'grey: not seen; lines: displacement every {_line_step(scene) * MILLI:g} mm',
-        fontsize=8,
+        fontsize=10,
     )
     figure.suptitle(f'{scene.title}  ({scene.kind})', fontsize=12, y=0.985)
     return figure
@@ -228,8 +230,8 @@ def _scan(figure: Figure, axes: Axes, camera: Camera, scene: RowScene) -> None:
         drawn, cax=axes.inset_axes((0.3, -0.03, 0.4, 0.03)), orientation='horizontal'
     )
     bar.ax.set_xlim(0.0, top)
-    bar.ax.tick_params(labelsize=7, pad=1)
-    axes.text(0.28, -0.03, 'dent (mm)', transform=axes.transAxes, fontsize=8, ha='right')
+    bar.ax.tick_params(labelsize=10, pad=1)
+    axes.text(0.28, -0.03, 'dent (mm)', transform=axes.transAxes, fontsize=10, ha='right')
 
 
 def profile(scene: RowScene) -> Figure:

@@ -19,6 +19,7 @@ from matplotlib.colors import to_hex
 
 from . import pictures
 from .errors import ErrorScales, error_scales
+from .numbering import numbered
 from .scene import (
     Curve,
     ErrorLine,
@@ -288,7 +289,7 @@ def _page(report: Report, drawn: Mapping[str, bytes], tops: ErrorScales) -> str:
     package = files(__package__)
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     template = environment.from_string((package / 'page.html').read_text())
-    return template.render(
+    page = template.render(
         title=f'Grasped shell: {provenance.get("title", provenance.get("object", "report"))}',
         synthetic=provenance.get('synthetic', ''),
         published=bool(published),
@@ -331,6 +332,7 @@ def _page(report: Report, drawn: Mapping[str, bytes], tops: ErrorScales) -> str:
         colours=colour_table(),
         script=Markup((package / 'viewer.js').read_text()),
     )
+    return numbered(page)
 
 
 def _reference(report: Report) -> dict[str, Any]:

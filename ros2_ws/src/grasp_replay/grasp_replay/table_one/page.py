@@ -15,6 +15,7 @@ from markupsafe import Markup
 from grasp_replay.errors import BagError
 from grasp_replay.report import Curve, Section
 from grasp_replay.report import pictures as drawing
+from grasp_replay.report.plain_page import plain_page
 from grasp_replay.results import json_text, write_file
 
 NUMBERS, PAGE = 'table_one.json', 'table_one.html'
@@ -104,12 +105,7 @@ def curves(study: dict[str, Any]) -> list[Curve]:
 def write_table_one(study: dict[str, Any], out: Path) -> Path:
     """Write `table_one.json` and `table_one.html` into `out`; returns the page, or BagError."""
     found = section(study)
-    css = (files('grasp_replay.report') / 'page.css').read_text()
-    page = (
-        jinja2.Environment(autoescape=True)
-        .from_string(FRAME)
-        .render(title=found.title, css=Markup(css), body=found.body)
-    )
+    page = plain_page(found.title, found.body)
     try:
         out.mkdir(parents=True, exist_ok=True)
         write_file(out / PAGE, page)
@@ -117,16 +113,6 @@ def write_table_one(study: dict[str, Any], out: Path) -> Path:
     except OSError as error:
         raise BagError(f'{out} cannot be written: {error.strerror}') from error
     return out / PAGE
-
-
-FRAME = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{{ title }}</title><link rel="icon" href="data:,"><style>{{ css }}</style></head>
-<body><h1>{{ title }}</h1>
-{{ body }}
-</body></html>
-"""
 
 
 def lines(study: dict[str, Any]) -> list[list[str]]:

@@ -9,6 +9,7 @@ Fingers press with the normal force of `hand/finger_N/wrench`, the N-th on the N
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.supports.grips import Grip, GripError
 
 Array = NDArray[np.float64]
+Progress = Callable[[float, str], None]
 
 MOST_CASES = 30
 """Load cases that are solved; a longer recording is thinned evenly in the turn."""
@@ -142,9 +144,15 @@ def _unwrapped(turns: Array) -> Array:
 
 
 def solve_turn(
-    path: Path, object_name: str | None = None, most_cases: int = MOST_CASES
+    path: Path,
+    object_name: str | None = None,
+    most_cases: int = MOST_CASES,
+    show: Progress = lambda _share, _note: None,
 ) -> dict[str, Any]:
-    """The recorded turn of a bag solved: rows, and what is said of them. Raises BagError."""
+    """The recorded turn of a bag solved: rows, and what is said of them. Raises BagError.
+
+    `show` is told the share done and what is being done.
+    """
     experiment = read_experiment(path)
     name = object_name or experiment.object_file
     if name is None:
@@ -166,7 +174,9 @@ def solve_turn(
     state: Equilibrium | None = None
     rows, message = [], ''
     number = [one.name for one in model.grips].index(grip.name)
-    for k in _chosen(turned, axis, most_cases):
+    chosen = _chosen(turned, axis, most_cases)
+    for done, k in enumerate(chosen):
+        show(done / len(chosen), f'pose {done + 1} of {len(chosen)}')
         motion = np.zeros((len(model.grips), 6))
         motion[number] = [*(turned.place[k] - grip.origin), *turned.turn[k]]
         case = gripped(motion)

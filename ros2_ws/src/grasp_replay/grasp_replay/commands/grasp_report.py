@@ -126,7 +126,8 @@ def _turns(options: argparse.Namespace) -> bool:
 
     if not is_turn(options.bags[0]):
         return False
-    turn = solve_turn(options.bags[0], options.object)
+    with progress_bar('grasp_report', 1.0) as show:
+        turn = solve_turn(options.bags[0], options.object, show=show)
     from grasp_replay.turning_page import sentences, write_turn
 
     page = write_turn(turn, options.out)

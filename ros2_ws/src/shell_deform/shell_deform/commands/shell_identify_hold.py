@@ -9,7 +9,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from grasp_common.terminal import print_table, say
+from grasp_common.terminal import print_table, progress_bar, say
 from shell_deform.commands.console import CommandError, print_json
 from shell_deform.identify.relaxation import (
     COUNT_N,
@@ -36,12 +36,13 @@ def relaxation_from(options: argparse.Namespace) -> None:
     from shell_deform.identify.squeeze_bag import read_pushes
 
     load_object(options.object)
-    time, push, travel = read_pushes(path)
-    # What a gauge says of itself covers its gain and zero, too: noise is what changes at once.
-    noise = float(np.sqrt(0.5 * np.nanmedian(np.diff(push, axis=0) ** 2)))
-    data = HeldPushes(time, push, travel, noise, COUNT_N, options.sigma_drift)
-    fit = fit_relaxation(data, options.until or np.inf)
-    predictions = _predictions(data, fit) if options.until else []
+    with progress_bar('relaxation'):
+        time, push, travel = read_pushes(path)
+        # What a gauge says of itself covers its gain and zero, too: noise is what changes at once.
+        noise = float(np.sqrt(0.5 * np.nanmedian(np.diff(push, axis=0) ** 2)))
+        data = HeldPushes(time, push, travel, noise, COUNT_N, options.sigma_drift)
+        fit = fit_relaxation(data, options.until or np.inf)
+        predictions = _predictions(data, fit) if options.until else []
     if options.plot:
         _plot(options.plot, data, fit, options.until)
     low, high = fit.interval

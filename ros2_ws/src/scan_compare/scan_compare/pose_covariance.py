@@ -139,31 +139,27 @@ def _shared(influence: Influence, groups: np.ndarray, doubt: float) -> np.ndarra
     # How much of each point's error the pose and what is fitted beside it take up.
     columns = np.column_stack((rows, influence.free))
     taken = np.column_stack((pose, influence.fitted))
-    weighed = np.any(pose != 0.0, axis=1).astype(float)
-    own = _by_group(rows * weighed[:, None], rows, groups, count)
-    of_columns = _by_group(rows * weighed[:, None], columns, groups, count)
+    inside = rows * np.any(pose != 0.0, axis=1).astype(float)[:, None]
+    own = _by_group(inside, rows, groups, count)
+    of_columns = _by_group(inside, columns, groups, count)
     of_taken = _by_group(taken, rows, groups, count)
-    # scores s = K' e of all groups: their own rows, less what the fit took out of them
+    # Scores s = K' e of all groups: their own rows, less what the fit took out of them.
     score = np.column_stack(
-        [np.bincount(groups, weighed * influence.distance * c, minlength=count) for c in rows.T]
+        [np.bincount(groups, influence.distance * c, minlength=count) for c in inside.T]
     )
-    square = influence.distance**2
     parts = (slice(0, 3), slice(3, 6))
-    white = np.zeros(2)
-    shared = np.zeros((2, 2))
-    through = np.einsum('gik,hkj->gihj', of_columns, of_taken)
-    for group in range(count):
-        # K of this group: own rows inside it, minus what all points give the pose
-        kernel = -taken @ of_columns[group].T
-        inside = groups == group
-        kernel[inside] += rows[inside] * weighed[inside, None]
-        noise = square @ kernel**2
-        reach = -through[group].transpose(1, 0, 2)
-        reach[group] += own[group]
-        for a, of_score in enumerate(parts):
-            white[a] += noise[of_score].sum()
-            for b, of_error in enumerate(parts):
-                shared[a, b] += float(np.sum(reach[:, of_score, of_error] ** 2))
+    # The squares of K, weighed by those of the distances: within the group, across, the fit's.
+    noisy = taken * (influence.distance**2)[:, None]
+    noise = (
+        _by_group(inside**2, (influence.distance**2)[:, None], groups, count)[:, :, 0]
+        - 2.0 * np.einsum('gik,gik->gi', _by_group(inside, noisy, groups, count), of_columns)
+        + np.einsum('gik,kl,gil->gi', of_columns, taken.T @ noisy, of_columns)
+    )
+    white = np.array([float(noise[:, part].sum()) for part in parts])
+    # What rigid errors of the group h do to the scores of the group g, (g, 6, h, 6).
+    reach = -np.einsum('gik,hkj->gihj', of_columns, of_taken)
+    reach[np.arange(count), :, np.arange(count)] += own
+    shared = np.array([[np.sum(reach[:, of, :, error] ** 2) for error in parts] for of in parts])
     seen = np.array([float(np.sum(score[:, part] ** 2)) for part in parts])
     if np.all(seen <= white * (1.0 + doubt * np.sqrt(2.0 / (3 * count)))):
         return np.zeros((6, 6))

@@ -60,6 +60,68 @@ def test_its_24_cells_lie_on_its_pad(tip):
     np.testing.assert_allclose(tip.shape.distance(tip.cells).value, 0.0, atol=1e-12)
 
 
+def test_a_mesh_in_another_unit_than_it_is_said_to_be_is_refused(tmp_path):
+    file = tmp_path / 'tip.stl'
+    trimesh.creation.box((12.0, 8.0, 4.0)).export(file)
+    assert load_body(file, 'mm').size == pytest.approx(0.004)
+    assert load_body(file, 'inch').size == pytest.approx(4 * 0.0254)
+    for unit in ('m', 'um'):
+        with pytest.raises(ObjectError, match=f'in {unit} the finger measures'):
+            load_body(file, unit)
+
+
+def test_a_pad_is_flat_or_a_cap_of_a_sphere(tmp_path):
+    flat = load_body(body_file(tmp_path, 'pad: {radius_m: 0.008}')).shape
+    beside = np.array([[0.006, 0.0, 0.001]])
+    assert flat.distance(beside).value == pytest.approx(0.001)
+    text = 'pad: {radius_m: 0.008, curvature_radius_m: 0.01}'
+    cap = load_body(body_file(tmp_path, text)).shape
+    assert cap.distance(beside).value == pytest.approx(np.hypot(0.006, 0.011) - 0.01)
+    with pytest.raises(ObjectError, match='smallest allowed value is 0.008'):
+        load_body(body_file(tmp_path, text.replace('0.01}', '0.005}')))
+
+
+def test_the_palm_has_its_24_cells_in_rows_of_5_7_7_and_5():
+    palm = load_body(find_body('barrett_palm', None))
+    np.testing.assert_allclose(palm.shape.distance(palm.cells).value, 0.0, atol=1e-9)
+    assert np.unique(palm.cells[:, 1], return_counts=True)[1].tolist() == [5, 7, 7, 5]
+    assert np.ptp(palm.cells[:, 0]) == pytest.approx(0.066)
+
+
+def body_file(tmp_path, text):
+    file = tmp_path / 'body.yaml'
+    file.write_text(f'name: mine\n{text}\n')
+    return file
+
+
+@pytest.mark.parametrize(
+    'shape', ['ball: {radius_m: 0.01}', 'rod: {radius_m: 0.01, length_m: 0.02}']
+)
+def test_cells_that_are_listed_as_seen_along_z_lie_on_the_face(tmp_path, shape):
+    cells = load_body(body_file(tmp_path, f'{shape}\ncells_m: [[0, 0], [0.004, 0.006]]')).cells
+    assert cells[:, :2].tolist() == [[0.0, 0.0], [0.004, 0.006]]
+    assert cells[0, 2] == pytest.approx(0.0, abs=1e-8)
+    height = np.sqrt(0.01**2 - 0.006**2 - (0.004**2 if 'ball' in shape else 0.0)) - 0.01
+    assert cells[1, 2] == pytest.approx(height, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ('text', 'says'),
+    [
+        (
+            'ball: {radius_m: 0.01}\ncells_m: [[0, 0], [0.02, 0]]',
+            'cell 1, .0.02, 0.0., lies beside',
+        ),
+        ('ball: {radius_m: 0.01}\ncells_m: [[0, 0, 0]]', 'has 3 values; 2 are needed'),
+        ('ball: {radius_m: 0.01}\ncells_m: [[0, .nan]]', 'a plain number is needed'),
+        (f'ball: {{radius_m: 0.01}}\ncells_m: {[[0, 0]] * 65}', 'has 65 touch cells; at most 64'),
+    ],
+)
+def test_cells_that_cannot_be_are_refused(tmp_path, text, says):
+    with pytest.raises(ObjectError, match=says):
+        load_body(body_file(tmp_path, text))
+
+
 def test_it_touches_with_its_origin_and_faces_along_z(tip):
     there = tip.shape.distance(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1e-3]]))
     np.testing.assert_allclose(there.value, [0.0, 1e-3], atol=1e-15)

@@ -2,8 +2,10 @@
 """Fingertips by name or file: parameter files, and convex triangle meshes of any finger.
 
 A body file (YAML) holds `name`, `source` and one of `fingertip` (a pad with a rounded end),
-`ball`, `rod`, `plate` and `mesh`; numbers in SI, with their unit in the key. A mesh has z out of
-its pad and x along the finger; it touches with its foremost point, or the middle of its flat.
+`ball`, `rod`, `pad`, `plate` and `mesh`; numbers in SI, with their unit in the key. A mesh has z
+out of its pad and x along the finger; it touches with its foremost point, or the middle of its
+flat. Where any of them has touch cells, `cells_m` lists their places [x, y] on its face, seen
+along z; a fingertip may instead give their rows and columns along its bent pad.
 """
 
 from __future__ import annotations
@@ -17,7 +19,15 @@ import scipy.spatial
 from numpy.typing import NDArray
 
 from grasp_common.options import METRES_PER_UNIT
-from shell_deform.contact.bodies import BodyError, RoundedHull, Shape, ball, plate, rod
+from shell_deform.contact.bodies import (
+    BodyError,
+    RoundBar,
+    RoundedHull,
+    Shape,
+    ball,
+    plate,
+    rod,
+)
 from shell_deform.contact.fingertip import Fingertip
 from shell_deform.objects.file_mesh import read_triangles
 from shell_deform.objects.shell_object import ObjectError
@@ -30,8 +40,14 @@ Index = NDArray[np.int64]
 CONVEX, DEEPEST = 1e-2, 2e-3
 # The foremost points of a mesh lie within this share of its size.
 FOREMOST = 1e-4
+# From corner to corner [m]: a mesh beyond is in another unit than it is said to be.
+SMALLEST, LARGEST = 5e-4, 1.0
 # More corners than these take too long at every step.
 MOST_CORNERS = 1000
+# More touch cells of one finger than these are not told.
+MOST_CELLS = 64
+# A cell is dropped on the face until it is so near [m]; where the face is steeper it has none.
+ON_FACE, STEEPEST = 1e-9, 0.05
 
 
 @dataclass(frozen=True)
@@ -69,12 +85,36 @@ def load_body(path: Path, unit: str | None = None) -> FingerBody:
 
 def _read(root: Entry, folder: Path) -> FingerBody:
     root.key = 'the body'
-    found = root.mapping(['name'], [*_KINDS, 'source'])
+    found = root.mapping(['name'], [*_KINDS, 'source', 'cells_m'])
     kinds = [kind for kind in _KINDS if kind in found]
     if len(kinds) != 1:
         raise root.error(f'the body needs exactly one of {", ".join(_KINDS)}')
     shape, size, cells = _KINDS[kinds[0]](found[kinds[0]], folder)
+    if 'cells_m' in found:
+        if len(cells):
+            raise found['cells_m'].error('the rows and columns of the cells are given, too')
+        cells = _cells(found['cells_m'], shape)
+    if len(cells) > MOST_CELLS:
+        raise root.error(
+            f'the body has {len(cells)} touch cells; at most {MOST_CELLS} are told: give blocks '
+            'of them as one'
+        )
     return FingerBody(found['name'].text(), shape, size, cells)
+
+
+def _cells(entry: Entry, shape: Shape) -> Array:
+    """(c, 3) places on the face of touch cells that are listed as seen along z."""
+    rows = [[one.number(minimum=-1.0, maximum=1.0) for one in item.items(2)]
+            for item in entry.items()]  # fmt: skip
+    places = np.column_stack([np.array(rows).reshape(-1, 2), np.full(len(rows), shape.front)])
+    for _ in range(60):
+        # The distance of a convex body is convex along a line: Newton's method comes from above.
+        found = shape.distance(places)
+        if (np.abs(found.value) < ON_FACE).all():
+            return places
+        places[:, 2] -= found.value / np.maximum(found.normal[:, 2], STEEPEST)
+    beside = int(np.argmax(np.abs(found.value)))
+    raise entry.error(f'cell {beside}, {rows[beside]}, lies beside the face of the body')
 
 
 def _length(entry: Entry) -> float:
@@ -116,6 +156,14 @@ def _rod(entry: Entry, folder: Path) -> _Read:
     return rod(radius, _length(found['length_m'])), radius, np.zeros((0, 3))
 
 
+def _pad(entry: Entry, folder: Path) -> _Read:
+    found = entry.mapping(['radius_m'], ['curvature_radius_m'])
+    radius, curvature = _length(found['radius_m']), 0.0
+    if 'curvature_radius_m' in found:
+        curvature = 1.0 / found['curvature_radius_m'].number(minimum=radius, maximum=1e6)
+    return RoundBar(radius, curvature), radius, np.zeros((0, 3))
+
+
 def _plate(entry: Entry, folder: Path) -> _Read:
     found = entry.mapping(['width_m', 'length_m', 'edge_radius_m'])
     width, length = _length(found['width_m']), _length(found['length_m'])
@@ -136,6 +184,7 @@ _KINDS: dict[str, Callable[[Entry, Path], _Read]] = {
     'fingertip': _fingertip,
     'ball': _ball,
     'rod': _rod,
+    'pad': _pad,
     'plate': _plate,
     'mesh': _mesh,
 }
@@ -159,6 +208,11 @@ def _from_mesh(path: Path, unit: str) -> tuple[RoundedHull, float]:
     corner = vertices[triangles]
     volume = abs(np.einsum('ti,ti->', corner[:, 0], np.cross(corner[:, 1], corner[:, 2]))) / 6.0
     size = float(np.linalg.norm(np.ptp(used, axis=0)))
+    if not SMALLEST < size < LARGEST:
+        raise ObjectError(
+            f'{path}: in {unit} the finger measures {size:.3g} m from corner to corner, and '
+            f'fingers measure {SMALLEST:g} to {LARGEST:g} m; give the unit of its numbers'
+        )
     deepest = max(
         float(-(part @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1).min())
         for part in np.array_split(used, len(used) // 500 + 1)

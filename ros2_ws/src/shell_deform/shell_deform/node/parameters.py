@@ -148,7 +148,7 @@ def validate(values: Mapping[str, Any]) -> None:
         if values.get('load_shape') == 'cells' and without:
             raise ParameterError(
                 f'load_shape is cells, but {without[0]} has no touch cells; take load_shape body, '
-                'or give its cell_rows_m and cell_columns_m'
+                'or give its cells_m'
             )
     elif values.get('load_shape') == 'cells' and 'finger_body' in values:
         raise ParameterError('load_shape is cells: finger_body must name a body with touch cells')

@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 FAINTEST = 0.02
 """Cells below this share of the strongest one are noise, not load."""
 
+NOISE = 4.0
+"""Nor are cells load that push by less than so many times what a quarter of all pull by."""
+
 POINTS_PER_SIDE = 3
 """The push of a cell lies in so many points squared."""
 
@@ -62,10 +65,11 @@ class CellShape:
 def cell_shares(forces: Array) -> Array:
     """(c,) shares of the push among cells that measured `forces` (c,) [N]; all 0 where none did.
 
-    Cells only push: what pulls, or is faint beside the strongest, is noise.
+    Cells only push: what pulls is noise, and tells how large that is where many do; what is not
+    much larger, or faint beside the strongest, is noise, too.
     """
-    felt = np.where(forces > FAINTEST * forces.max(initial=0.0), forces, 0.0)
-    felt = np.maximum(felt, 0.0)
+    noise = NOISE * max(0.0, -float(np.percentile(forces, 25.0))) if len(forces) else 0.0
+    felt = np.where(forces > max(FAINTEST * forces.max(initial=0.0), noise), forces, 0.0)
     total = float(felt.sum())
     return felt / total if total > 0.0 else felt
 

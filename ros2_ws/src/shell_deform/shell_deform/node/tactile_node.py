@@ -13,9 +13,10 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64
 
 from grasp_common.messages import nanoseconds, number
-from grasp_common.point_cloud import CloudReader, MessageError
+from grasp_common.point_cloud import MessageError
 from shell_deform.contact.body_file import FingerBody
 from shell_deform.live.tick.adopted import Adopted
+from shell_deform.live.tick.contact_cloud import CellReader
 from shell_deform.live.tick.sample import SampleError
 from shell_deform.live.tick.touch_check import (
     TouchCells,
@@ -34,14 +35,14 @@ class Tactile:
     def __init__(self, node: Node) -> None:
         """Listen on `node`."""
         self._node = node
-        self._reader = CloudReader('hand/tactile')
+        self._reader = CellReader()
         self._cells: TouchCells | None = None
         self._judgement: TouchJudgement | None = None
         self._unusable = ''
         self.bodies: Mapping[int, FingerBody] = {}
         self.shapes = False
         """Whether the cells say where the fingers press."""
-        self._shaped: list[int] = []
+        self._shaped: dict[int, str] = {}
         node.create_subscription(
             PointCloud2,
             'hand/tactile',
@@ -62,13 +63,7 @@ class Tactile:
 
     def _take(self, message: PointCloud2) -> None:
         try:
-            points = self._reader.read(message)
-            cells = TouchCells(
-                nanoseconds(message.header.stamp),
-                self._reader.integers(points, 'finger'),
-                self._reader.integers(points, 'cell'),
-                self._reader.column(points, 'force'),
-            )
+            cells = self._reader.read(message, nanoseconds(message.header.stamp))
             check_cells(cells, self.bodies)
         except (MessageError, SampleError) as error:
             # The last good ones stay.
@@ -95,7 +90,11 @@ class Tactile:
         """What /diagnostics says of it."""
         told: dict[str, object] = {}
         if self.shapes:
-            told['load by the cells of fingers'] = ', '.join(map(str, self._shaped)) or 'none'
+            by_cells = [str(finger) for finger, why in self._shaped.items() if not why]
+            told['load by the cells of fingers'] = ', '.join(by_cells) or 'none'
+            for finger, why in self._shaped.items():
+                if why:
+                    told[f'cells of finger {finger} not used'] = f'it {why}'
         if self._unusable:
             told['hand/tactile'] = self._unusable
         if self._judgement is not None:

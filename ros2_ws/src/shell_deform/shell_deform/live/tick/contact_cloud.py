@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`hand/contacts` as a sample of the estimator, from a topic or from a bag."""
+"""`hand/contacts` and `hand/tactile` as the estimator takes them, from a topic or from a bag."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from grasp_common.point_cloud import CloudReader
 from shell_deform.live.tick.sample import ContactSample
+from shell_deform.live.tick.touch_check import TouchCells
 
 ALONG = ('ax', 'ay', 'az')
 """Direction in the pad to the tip of the finger: fields that a hand may leave out."""
@@ -37,4 +38,22 @@ class ContactReader:
             travel=cloud.column(points, 'travel', np.nan),
             sigma_travel=cloud.column(points, 'sigma_travel', np.nan),
             along=np.stack([cloud.column(points, name, np.nan) for name in ALONG], axis=1),
+        )
+
+
+class CellReader:
+    """Reads one stream of touch cells by field name: `finger`, `cell` and `force` [N]."""
+
+    def __init__(self) -> None:
+        self._cloud = CloudReader('hand/tactile')
+
+    def read(self, message: Any, stamp_ns: int) -> TouchCells:
+        """The cells in a PointCloud2; raises MessageError for missing fields or wrong sizes."""
+        cloud = self._cloud
+        points = cloud.read(message)
+        return TouchCells(
+            stamp_ns,
+            cloud.integers(points, 'finger'),
+            cloud.integers(points, 'cell'),
+            cloud.column(points, 'force'),
         )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shell_deform.contact.body_file import FingerBody
 from shell_deform.contact.cell_load import cell_pitch, cell_shares
 from shell_deform.contact.finger_bodies import of_finger
-from shell_deform.live.exchange import MAX_CELLS, TAXEL_FIELDS
+from shell_deform.live.exchange import TAXEL_FIELDS
 from shell_deform.live.tick.sample import MOST_FORCE, SampleError
 
 Array = NDArray[np.float64]
@@ -26,6 +26,10 @@ SIGMA_RELATIVE, SIGMA_N = 0.05, 0.05
 
 SMALLEST_PUSH = 0.3
 """Below this push [N] cells say nothing about where it is."""
+
+ALIKE = 1.5
+"""Cells that together feel this many times more or less than the gauge of their finger are dead,
+stuck or at their end: where they feel it is not where the finger presses."""
 
 OLDEST_NS = 500_000_000
 """Cells measured longer before or after a sample say nothing of it [ns]."""
@@ -107,39 +111,54 @@ def judged(cells: TouchCells, taxels: Array, bodies: Mapping[int, FingerBody]) -
             continue
         measured = cells.of(finger)
         expected = np.einsum('ci,ci->c', rows[:, 6:9], rows[:, 3:6])
-        found = _compared(_summary(measured, body.cells), _summary(expected, body.cells))
+        found = compared(measured, expected, body.cells)
         if found is not None and found[0] > worst.value:
             worst = TouchJudgement(found[0], f'{found[1]} of the cells of finger {finger}')
     return worst if worst.value > 1.0 else TouchJudgement(worst.value, '')
 
 
+def felt_shape(force: Array, push: float, normal: Array, along: Array) -> tuple[Array, str]:
+    """(c,) shares of a finger's push by what its cells felt (c,) [N]; why none can be told, or ''.
+
+    `push` [N]: by its gauge; along its (3,) `normal`, with (3,) `along` to its tip.
+    """
+    felt = float(np.maximum(force, 0.0).sum())
+    if not len(force):
+        return force, 'has none'
+    if not np.isfinite(along).all() or abs(float(along @ normal)) >= STEEPEST:
+        return force, 'does not say how it lies (ax ay az)'
+    if felt < SMALLEST_PUSH:
+        return force, f'feels less than {SMALLEST_PUSH:g} N by them'
+    if push > SMALLEST_PUSH and not 1.0 / ALIKE < felt / push < ALIKE:
+        return force, f'feels {felt:.2f} N by them and {push:.2f} N by its gauge'
+    return cell_shares(force), ''
+
+
 def write_shapes(
     request: np.void, cells: TouchCells | None, bodies: Mapping[int, FingerBody]
-) -> list[int]:
-    """Give the fingers of a load case the shapes that their cells felt; returns which got one.
+) -> dict[int, str]:
+    """Give the fingers of a load case the shapes that their cells felt.
 
-    A finger that does not say how it lies, or whose cells feel too little or are too old, presses
-    evenly.
+    Returns for each finger why it got none and presses evenly, '' where it got one.
     """
     touch = request['touch'][: int(request['contacts'])]
     touch['cells'] = 0
-    if cells is None or abs(int(request['stamp']) - cells.stamp) > OLDEST_NS:
-        return []
-    shaped = []
+    told = {}
+    late = cells is None or abs(int(request['stamp']) - cells.stamp) > OLDEST_NS
     for row in touch:
         finger = int(row['finger'])
-        body, force = of_finger(bodies, finger), cells.of(finger)
-        turned = np.isfinite(row['along']).all() and abs(row['along'] @ row['normal']) < STEEPEST
-        if body is None or not len(force) or not turned:
+        body = of_finger(bodies, finger)
+        if late or cells is None or body is None:
+            told[finger] = 'has none of the last half second'
             continue
-        shares = cell_shares(force)
-        if np.maximum(force, 0.0).sum() < SMALLEST_PUSH or not 0 < len(shares) <= MAX_CELLS:
-            continue
-        row['cells'] = len(shares)
-        row['cell'][: len(shares)] = body.cells
-        row['share'][: len(shares)] = shares
-        shaped.append(finger)
-    return shaped
+        shares, told[finger] = felt_shape(
+            cells.of(finger), float(row['force']), row['normal'], row['along']
+        )
+        if not told[finger]:
+            row['cells'] = len(shares)
+            row['cell'][: len(shares)] = body.cells
+            row['share'][: len(shares)] = shares
+    return told
 
 
 def _summary(force: Array, places: Array) -> _Summary:
@@ -154,8 +173,13 @@ def _summary(force: Array, places: Array) -> _Summary:
     return _Summary(push, centre, float(np.sqrt(share @ away)), float(noise.sum()), place)
 
 
-def _compared(measured: _Summary, expected: _Summary) -> tuple[float, str] | None:
-    """Root mean square of the normalised differences, and the largest of them."""
+def compared(felt: Array, wanted: Array, places: Array) -> tuple[float, str] | None:
+    """By how many sigmas cells at `places` (c, 3) [m] that `felt` (c,) [N] miss the `wanted` ones.
+
+    Root mean square of the normalised differences, and the largest of them; None where neither
+    says anything.
+    """
+    measured, expected = _summary(felt, places), _summary(wanted, places)
     if max(measured.push, expected.push) < SMALLEST_PUSH:
         return None
     place = measured.place_variance + expected.place_variance

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings of fingertips: a ball squeezed, held and twisted to slip; a bottle squeezed and held.
 
-`python -m bags.fingertips` writes them from the kept solids with contact and friction. Contacts
-and touch cells are synthetic: forces and cells of the solid between its states, with noise.
+`python -m bags.fingertips` writes them from the kept solids with contact and friction. Contacts,
+touch cells and scans are synthetic: forces and cells of the solid between its states, its outer
+face before and at the end of the squeeze, with noise.
 """
 
 from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,11 +18,14 @@ from typing import Any
 import numpy as np
 import yaml
 from rosbags.typesys import Stores, get_typestore
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import PchipInterpolator, RBFInterpolator
+from scipy.spatial.transform import Rotation
 
 from bags import solid_bottle, solid_fingertips
 from bags.calculix import Array
 from grasp_replay.bag_writer import BagWriter
+from shell_deform.contact.bodies import Pose, frame_of
+from shell_deform.contact.finger_bodies import read_finger_bodies
 
 FOLDER = Path(__file__).parent
 START_NS = 1_600_000_000_000_000_000
@@ -31,6 +36,9 @@ LABEL = (
 )
 # Of a gauge [N], of a touch cell [N].
 FORCE_SIGMA, CELL_SIGMA = 0.1, 0.02
+SCAN_SIGMA, SCAN_POINTS = 0.127e-3, 40_000
+# What lies nearer to a finger is hidden from the scanner [m]; how many nodes a place lies between.
+HIDDEN, NEIGHBOURS = 3e-3, 24
 BODY = 'barrett_fingertip'
 CONTACT = np.dtype(
     [
@@ -40,6 +48,7 @@ CONTACT = np.dtype(
     ]
 )
 CELL = np.dtype([(name, '<f4') for name in ('finger', 'cell', 'force')])
+POINT = np.dtype([(name, '<f4') for name in 'xyz'])
 
 
 @dataclass(frozen=True)
@@ -134,6 +143,84 @@ def felt(
     return frames
 
 
+@dataclass(frozen=True)
+class Face:
+    """The outer face of a whole object of which a part was solved.
+
+    Attributes:
+        places: (p, 3) on it [m], normals: (p, 3) there, seen by the scanner. images: (p, 3, 3)
+            that take them into the solved part. kept: name of the nodes' file in bags/solid.
+    """
+
+    places: Array
+    normals: Array
+    images: Array
+    kept: str
+
+    def moved(self, state: int) -> Array:
+        """(p, 3) displacements [m] at one of the kept states."""
+        solid = np.load(FOLDER / f'solid/{self.kept}.npz')
+        found = RBFInterpolator(solid['rest_m'], solid['moved_m'][state], NEIGHBOURS)
+        part = np.einsum('pij,pj->pi', self.images, self.places)
+        return np.asarray(np.einsum('pji,pj->pi', self.images, found(part)))
+
+    def scanned(self, state: int | None, hidden: Callable[[Array], Array]) -> np.ndarray:
+        """Points that a scanner sees at a state, None for the undeformed face, with noise."""
+        points = self.places if state is None else self.places + self.moved(state)
+        random = np.random.default_rng(0 if state is None else 1 + state)
+        points = points + SCAN_SIGMA * random.normal(size=(len(points), 1)) * self.normals
+        if state is not None:
+            points = points[~hidden(points)]
+        return np.ascontiguousarray(points, '<f4').view(POINT)[:, 0]
+
+
+def by_fingers(grips: list[Grip], depth: float) -> Callable[[Array], Array]:
+    """Which points (p, 3) fingers at a depth [m] hide."""
+    shape = read_finger_bodies(BODY).loaded()[0].shape
+
+    def hidden(points: Array) -> Array:
+        found = np.zeros(len(points), dtype=bool)
+        for grip in grips:
+            pose = Pose(grip.place + depth * grip.inward, frame_of(grip.inward, grip.along))
+            found |= pose.distance(shape, points).value < HIDDEN
+        return found
+
+    return hidden
+
+
+def ball_face(places: Array, normals: Array) -> Face:
+    """Half of it was solved, x > 0; a half turn about z takes the other half there."""
+    images = np.tile(np.eye(3), (len(places), 1, 1))
+    images[places[:, 0] < 0.0] = np.diag([-1.0, -1.0, 1.0])
+    return Face(places, normals, images, 'ball_fingertips')
+
+
+def bottle_face(places: Array, normals: Array) -> Face:
+    """A sixth was solved, from the middle of a finger to half way to the next."""
+    angle, third = np.arctan2(places[:, 1], places[:, 0]), 2.0 * np.pi / 3.0
+    back = -third * np.round(angle / third)
+    side = np.where(angle + back < 0.0, -1.0, 1.0)
+    images = Rotation.from_rotvec(back[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    images[:, 1] *= side[:, None]
+    return Face(places, normals, images, 'bottle_fingertips')
+
+
+def ball_points(radius: float) -> tuple[Array, Array]:
+    """Places (p, 3) all over a ball of this radius [m], and normals there."""
+    normals = np.random.default_rng(1).normal(size=(SCAN_POINTS, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return radius * normals, normals
+
+
+def bottle_points(bottle: solid_bottle.Bottle) -> tuple[Array, Array]:
+    """Places (p, 3) all over the outer face of the bottle [m], and normals there."""
+    random = np.random.default_rng(1)
+    angle = random.uniform(0.0, 2.0 * np.pi, SCAN_POINTS)
+    height = random.uniform(0.0, bottle.outline_z[-1], SCAN_POINTS)
+    places, normals = bottle.outer(angle, height)
+    return 1e-3 * places, normals
+
+
 def described(name: str, kept: dict[str, Any], grips: list[Grip]) -> dict[str, Any]:
     """What every object of these recordings says of itself but its surface."""
     return {
@@ -156,6 +243,21 @@ def described(name: str, kept: dict[str, Any], grips: list[Grip]) -> dict[str, A
     }
 
 
+@dataclass(frozen=True)
+class Scans:
+    """The undeformed face, and that of a squeeze held for the second before `at` [s]."""
+
+    undeformed: np.ndarray
+    held: np.ndarray
+    at: float
+
+
+def scans_of(face: Face, state: int, grips: list[Grip], depth: float, at: float) -> Scans:
+    """Of a kept state, that of the full depth [m]."""
+    hidden = by_fingers(grips, depth)
+    return Scans(face.scanned(None, hidden), face.scanned(state, hidden), at)
+
+
 def ball_fingertips() -> None:
     """Two fingers face to face; each turns about the line between them, one each way."""
     kept = json.loads(solid_fingertips.KEPT.with_suffix('.json').read_text())
@@ -176,7 +278,10 @@ def ball_fingertips() -> None:
         'source': 'the ball of bags/solid_fingertips.py, open to the air',
     }
     title = 'A ball squeezed, held and twisted to slip by two fingertips'
-    _write('ball_fingertips', title, ball, programme, felt(states, grips, programme), kept)
+    held = len([state for state in states if state['turn_rad'] == 0.0]) - 1
+    scans = scans_of(ball_face(*ball_points(radius)), held, grips, programme.depth[-1], 4.0)
+    frames = felt(states, grips, programme)
+    _write('ball_fingertips', title, ball, programme, frames, scans, kept)
 
 
 def bottle_fingertips() -> None:
@@ -201,7 +306,9 @@ def bottle_fingertips() -> None:
     programme = squeeze_and_hold(states[-1]['depth_m'])
     title = 'A free-form squeeze bottle squeezed and held by three fingertips'
     frames = felt(states, grips, programme)
-    folder = _write('bottle_fingertips', title, bottle, programme, frames, kept)
+    face = bottle_face(*bottle_points(solid_bottle.Bottle()))
+    scans = scans_of(face, len(states) - 1, grips, programme.depth[-1], 5.98)
+    folder = _write('bottle_fingertips', title, bottle, programme, frames, scans, kept)
     (folder / 'bottle.obj').write_text(_triangles(solid_bottle.Bottle()))
 
 
@@ -227,6 +334,7 @@ def _write(
     shell: dict[str, Any],
     programme: Programme,
     frames: list[tuple[np.ndarray, np.ndarray]],
+    scans: Scans,
     kept: dict[str, Any],
 ) -> Path:
     """The folder of a recording, with its object, its truth and what a reader should know."""
@@ -239,15 +347,19 @@ def _write(
     folder = FOLDER / name
     if folder.exists():
         shutil.rmtree(folder)
+    stamps = [START_NS, START_NS + round(1e9 * scans.at)]
     with BagWriter(folder) as writer:
         topics = [
             writer.add_topic(topic, 'sensor_msgs/msg/PointCloud2')
-            for topic in ('/hand/contacts', '/hand/tactile')
+            for topic in ('/hand/contacts', '/hand/tactile', '/scan/points')
         ]
         for seconds, clouds in zip(programme.time, frames, strict=True):
             stamp = START_NS + round(1e9 * float(seconds))
-            for topic, rows in zip(topics, clouds, strict=True):
+            for topic, rows in zip(topics[:2], clouds, strict=True):
                 writer.write(topic, _cloud(rows, stamp), stamp)
+            for at, points in zip(stamps, (scans.undeformed, scans.held), strict=True):
+                if at == stamp:
+                    writer.write(topics[2], _cloud(points, at), at)
     (folder / 'object.yaml').write_text(yaml.safe_dump(shell, sort_keys=False))
     (folder / 'truth.yaml').write_text(yaml.safe_dump(truth, sort_keys=False))
     experiment = {
@@ -260,13 +372,23 @@ def _write(
         'friction': friction,
         'start_ns': START_NS,
         'duration_s': round(float(programme.time[-1]), 6),
+        'scanner': {'noise_sigma_m': SCAN_SIGMA},
+        'scans': [
+            {'scan_stamp_ns': stamps[0], 'kind': 'undeformed'},
+            {
+                'scan_stamp_ns': stamps[1],
+                'kind': 'held',
+                'hold': {'from_s': scans.at - 0.9, 'to_s': scans.at},
+            },
+        ],
     }
     (folder / 'experiment.yaml').write_text(yaml.safe_dump(experiment, sort_keys=False))
     (folder / 'README.md').write_text(
-        f'# {name}\n\n{LABEL}.\n\n{title}: `hand/contacts` and `hand/tactile`, in the frame of '
-        'the object.\n\n    deformation --ros-args -p '
+        f'# {name}\n\n{LABEL}.\n\n{title}: `hand/contacts`, `hand/tactile` and two scans, in the '
+        'frame of the object.\n\n    deformation --ros-args -p '
         f'object:=bags/{name}/object.yaml -p finger_body:={BODY} -p friction:={friction}\n\n'
-        f'solves it live beside `replay bags/{name}`. `truth.yaml` holds what the recording was '
+        f'solves it live beside `replay bags/{name}`, `grasp_report bags/{name} --out report` '
+        'offline, beside the scans. `truth.yaml` holds what the recording was '
         'made from;\n`python -m bags.fingertips` makes it again.\n'
     )
     return folder

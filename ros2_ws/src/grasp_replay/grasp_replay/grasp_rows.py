@@ -3,16 +3,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from grasp_replay.errors import BagError
 from grasp_replay.experiment import Experiment
 from grasp_replay.pipeline import Row
 from grasp_replay.theories import TheorySet
+from grasp_replay.touch_cells import carried_bodies, touch_document
 from shell_deform.contact.bodies import BodyError
-from shell_deform.contact.finger_bodies import of_finger, read_finger_bodies
+from shell_deform.contact.body_file import FingerBody
+from shell_deform.contact.finger_bodies import of_finger
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.factor.base import FactorError
 from shell_deform.grasp.cone import ConeError
@@ -58,13 +62,21 @@ def grasp_document(shell: TheorySet, row: Row, experiment: Experiment) -> dict[s
     friction = FRICTION if experiment.friction is None else experiment.friction
     try:
         if experiment.finger_body:
-            held = _by_bodies(shell, row, experiment.finger_body, friction)
+            bodies = carried_bodies(experiment.finger_body)
+            held = _by_bodies(shell, row, bodies, friction)
         else:
             held = _by_pins(shell, row)
         if isinstance(held, str):
             return {'failed': held}
-        return _measured(shell, row, held, friction)
-    except (ObjectError, BodyError, FirstTouchError, FactorError, ConeError, GraspError) as error:
+        told = _measured(shell, row, held, friction)
+        contacts = row.contacts
+        if experiment.finger_body and contacts.cells:
+            fingers = contacts.finger.tolist()
+            told['touch'] = touch_document(fingers, held.state.touches, bodies, contacts.cells)
+        return told
+    except (
+        BagError, ObjectError, BodyError, FirstTouchError, FactorError, ConeError, GraspError
+    ) as error:  # fmt: skip
         return {'failed': str(error)}
 
 
@@ -86,17 +98,23 @@ def _by_pins(shell: TheorySet, row: Row) -> Held | str:
     return Held(theory, model, patches, state)
 
 
-def _by_bodies(shell: TheorySet, row: Row, carried: str, friction: float) -> Held | str:
+def _by_bodies(
+    shell: TheorySet, row: Row, bodies: Mapping[int, FingerBody], friction: float
+) -> Held | str:
     """The thin shell under the row's pushes by bodies, each along the normal of its finger."""
-    bodies, model, contacts = read_finger_bodies(carried).loaded(), shell.model, row.contacts
+    model, contacts = shell.model, row.contacts
+    along = np.broadcast_to(contacts.along, contacts.normal.shape)
     at = contacts.point - np.nan_to_num(contacts.travel)[:, None] * contacts.normal
     patches = []
-    for number, place, normal in zip(contacts.finger.tolist(), at, contacts.normal, strict=True):
+    for k, number in enumerate(contacts.finger.tolist()):
         body = of_finger(bodies, number)
         if body is None:
-            return f'finger {number} carries no body in {carried!r}'
+            return f'finger {number} carries no body in experiment.yaml'
+        tip = along[k] if np.isfinite(along[k]).all() else None
         patches.append(
-            model.touched_by(body.shape, place, body.size, None, friction, towards=normal)
+            model.touched_by(
+                body.shape, at[k], body.size, tip, friction, towards=contacts.normal[k]
+            )
         )
     solver = EquilibriumSolver(model)
     alone, touch = first_touch(solver, tuple(patches))

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from grasp_replay.report import Section
 from grasp_replay.report.pictures import LINEAR, NONLINEAR, REST, svg
+from grasp_replay.touch_cells import sentence
 
 UNLIMITED_N = 1e8
 """A push beyond it means that nothing known is the limit."""
@@ -44,7 +45,7 @@ def grasp_sections(rows: Sequence[Mapping[str, Any]]) -> list[Section]:
         '</figcaption></figure>'
         '<div class="wide"><table id="grasp-rows"><caption>What the grasp of each row needs, '
         'lifts and bears.</caption><thead><tr>{head}</tr></thead>'
-        '<tbody>{cells}</tbody></table></div><p class="note">{note}.</p>'
+        '<tbody>{cells}</tbody></table></div><p class="note">{note}.</p>{touch}'
     ).format(
         curve=Markup(svg(needed_friction(known))),
         bars=Markup(svg(windows(known))),
@@ -52,8 +53,19 @@ def grasp_sections(rows: Sequence[Mapping[str, Any]]) -> list[Section]:
         head=Markup(head),
         cells=Markup('').join(map(_cells, known)),
         note=str(known[0]['grasp']['note']).capitalize(),
+        touch=Markup('').join(map(_touch, known)),
     )
     return [Section('grasp', 'Does the grasp hold', body)]
+
+
+def _touch(row: Mapping[str, Any]) -> Markup:
+    """A line for measured touch cells; empty where none were recorded."""
+    touch = row['grasp'].get('touch')
+    if not touch:
+        return Markup('')
+    return Markup('<p class="touch">Touch cells at {push:.2f} N: {told}.</p>').format(
+        push=_push(row['grasp']), told=sentence(touch)
+    )
 
 
 def with_nearest_limits(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,10 @@ from numpy.typing import NDArray
 from grasp_replay.errors import BagError
 from grasp_replay.experiment import Experiment, ScanEntry
 from grasp_replay.recording import RecordedScan, Recording, in_object_frame
+from grasp_replay.touch_cells import carried_bodies, felt_in, shape_of
+from shell_deform.contact.body_file import FingerBody
+from shell_deform.contact.cell_load import CellShape
+from shell_deform.contact.finger_bodies import of_finger
 from shell_deform.live.background.contact_tracking import Touch
 from shell_deform.live.pose import IDENTITY, Pose, pose_of
 from shell_deform.live.tick.sample import (
@@ -24,6 +29,7 @@ from shell_deform.live.tick.sample import (
     check,
     one_row_per_finger,
 )
+from shell_deform.live.tick.touch_check import TouchCells
 
 Array = NDArray[np.float64]
 
@@ -44,6 +50,9 @@ class HeldContacts:
         samples: how many were averaged. saturated: whether a gauge was at its end.
         felt: (k,) push that the gauges felt of a wall that relaxes, where `push` is what an
             elastic one would have needed; None where the two are one.
+        along: (k, 3) to the tips of the fingers, NaN where unknown.
+        cells: what the touch cells of each finger felt (c,) [N], by its number.
+        shapes: by finger, where its cells say that its push lies; without one it lies evenly.
     """
 
     finger: NDArray[np.int64]
@@ -56,6 +65,9 @@ class HeldContacts:
     samples: int
     saturated: bool
     felt: Array | None = None
+    along: Array = field(default_factory=lambda: np.full((1, 3), np.nan))
+    cells: Mapping[int, Array] = field(default_factory=dict)
+    shapes: Mapping[int, CellShape] = field(default_factory=dict)
 
     def touches(self) -> tuple[Touch, ...]:
         """The contacts as the solver's tracker takes them."""
@@ -68,6 +80,8 @@ class HeldContacts:
                 float(self.push[i]),
                 float(self.travel[i]),
                 float('nan'),
+                np.broadcast_to(self.along, self.normal.shape)[i],
+                self.shapes.get(int(self.finger[i])),
             )
             for i in range(len(self.finger))
         )
@@ -118,11 +132,12 @@ def holds_of(
         raise BagError(
             f'{recording.path}: no scan has the stamp {missing[0]} ns that the experiment names'
         )
+    bodies = carried_bodies(experiment.finger_body) if recording.cells else {}
     chosen = [scans[entry.stamp] for entry in entries]
     if len({scan.stamp for scan in chosen}) < len(chosen):
         raise BagError(f'{recording.path}: the experiment names a scan twice; name each once')
     return tuple(
-        _hold(recording, experiment, replace(entry, stamp=scan.stamp), scan, pose)
+        _hold(recording, experiment, replace(entry, stamp=scan.stamp), scan, pose, bodies)
         for entry, scan in zip(entries, chosen, strict=True)
     )
 
@@ -133,12 +148,14 @@ def _hold(
     entry: ScanEntry,
     scan: RecordedScan,
     given: Pose | None,
+    bodies: Mapping[int, FingerBody],
 ) -> Hold:
     pose = given or recording.pose_at(entry.stamp)
     if pose is None:
         numbers = entry.object_pose or experiment.object_pose
         pose = IDENTITY if numbers is None else pose_of(list(numbers))
-    contacts = None
+    contacts: HeldContacts | None = None
+    notes: tuple[str, ...] = ()
     if entry.held:
         first, last = entry.window or (entry.stamp - DEFAULT_WINDOW_NS, entry.stamp)
         chosen = [sample for sample in recording.samples if first <= sample.stamp <= last]
@@ -154,7 +171,37 @@ def _hold(
                 f'hold around the scan at {entry.stamp} ns ({len(chosen)} samples'
                 f'{_refused(placed)})'
             )
-    return Hold(entry, pose, pose.to_object(scan.points), contacts)
+        felt = [cells for cells in recording.cells if first <= cells.stamp <= last]
+        contacts, notes = _with_cells(contacts, felt, bodies)
+    return Hold(entry, pose, pose.to_object(scan.points), contacts, notes)
+
+
+def _with_cells(
+    contacts: HeldContacts, felt: list[TouchCells], bodies: Mapping[int, FingerBody]
+) -> tuple[HeldContacts, tuple[str, ...]]:
+    """The contacts with what their touch cells felt, and which of these do not count, and why."""
+    if not felt:
+        return contacts, ()
+    if not bodies:
+        return contacts, ('hand/tactile is not used: experiment.yaml names no finger_body',)
+    cells, notes = felt_in(felt, bodies)
+    shapes, told = {}, [f'hand/tactile: {note}' for note in notes]
+    for k, finger in enumerate(contacts.finger.tolist()):
+        shape, why = shape_of(
+            of_finger(bodies, finger),
+            cells.get(finger),
+            float(contacts.push[k]),
+            contacts.normal[k],
+            contacts.along[k],
+        )
+        if shape is not None:
+            shapes[finger] = shape
+        elif why:
+            told.append(f'hand/tactile: finger {finger} {why}, so its push lies evenly')
+    if shapes:
+        whose = ', '.join(map(str, shapes))
+        told.append(f'the push of finger {whose} lies where its touch cells felt it')
+    return replace(contacts, cells=cells, shapes=shapes), tuple(told)
 
 
 def _refused(samples: list[ContactSample]) -> str:
@@ -202,6 +249,7 @@ def mean_contacts(samples: list[ContactSample]) -> HeldContacts | None:
         ),
         radius=means('radius'),
         travel=means('travel'),
+        along=means('along'),
         samples=len(rows),
         saturated=bool(any(np.any(row.flags & FLAG_SATURATED) for row in rows)),
     )

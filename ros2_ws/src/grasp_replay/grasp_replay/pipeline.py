@@ -29,6 +29,7 @@ from scan_compare.rigid import Pose as ScanPose
 from scan_compare.scan import Scan
 from scan_compare.scan_file import ScanFileError, scan_of
 from scan_compare.units import UnitError, metres_per_unit
+from shell_deform.contact.finger_bodies import read_finger_bodies
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.live.pose import Pose
 from shell_deform.solve.equilibrium import Equilibrium
@@ -39,6 +40,9 @@ Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
 DEFAULT_OBJECT = 'tennis_ball'
+BY_CELLS = 'it presses by rigid pins, not where touch cells felt it'
+"""Why theory thick has no answer to such a row."""
+
 REGISTERED_BY = ('koiter', 'paper', 'linear', 'thick')
 
 
@@ -141,7 +145,7 @@ def run(
     if not held:
         raise BagError(f'{bag} holds no scan under load, so there is nothing to compare')
     show(0.05, 'meshing')
-    shell = _meshed(name, held[0], options)
+    shell = _meshed(name, held[0], options, experiment)
     holds = _elastic(holds, recording, experiment, place.pose, shell.shell.relaxation)
     notes = (*recording.notes, *place.notes)
     holds = tuple(_welded(hold, shell, notes) for hold in holds)
@@ -183,14 +187,19 @@ def _in_metres(recording: Recording, unit: str) -> Recording:
     return replace(recording, scans=scans)
 
 
-def _meshed(name: str, first: Hold, options: PipelineOptions) -> TheorySet:
+def _meshed(name: str, first: Hold, options: PipelineOptions, experiment: Experiment) -> TheorySet:
     """The object, meshed finely where the first load touches it."""
     contacts = first.contacts
     assert contacts is not None
     travel = np.nan_to_num(contacts.travel)
     at_rest = contacts.point - travel[:, None] * contacts.normal
     radius = float(contacts.radius.min())
-    return theory_set(name, at_rest, radius, options.changes, options.thick)
+    if not contacts.shapes:
+        return theory_set(name, at_rest, radius, options.changes, options.thick)
+    bodies = read_finger_bodies(experiment.finger_body)
+    found = theory_set(name, at_rest, radius, options.changes, False, bodies)
+    found.without = BY_CELLS
+    return found
 
 
 def _welded(hold: Hold, shell: TheorySet, notes: tuple[str, ...]) -> Hold:
@@ -205,7 +214,7 @@ def _welded(hold: Hold, shell: TheorySet, notes: tuple[str, ...]) -> Hold:
         scan = scan_of(RawMesh(hold.points.copy(), None), source, 'm', size)
     except ScanFileError as error:
         raise BagError(str(error)) from error
-    return replace(hold, points=scan.points, notes=(*notes, *scan.notes))
+    return replace(hold, points=scan.points, notes=(*notes, *hold.notes, *scan.notes))
 
 
 def _elastic(

@@ -26,12 +26,14 @@ from grasp_replay.recorded_times import (
 )
 from grasp_replay.topic_selection import listed
 from shell_deform.live.pose import IDENTITY, Pose, PoseError, pose_of
-from shell_deform.live.tick.contact_cloud import ContactReader
+from shell_deform.live.tick.contact_cloud import CellReader, ContactReader
 from shell_deform.live.tick.sample import FLAG_STALE, ContactSample
+from shell_deform.live.tick.touch_check import TouchCells
 
 Array = NDArray[np.float64]
 
 CONTACTS, SCANS, POSES = 'hand/contacts', 'scan/points', 'object_pose'
+CELLS = 'hand/tactile'
 CLOUD, POSE = 'sensor_msgs/msg/PointCloud2', 'geometry_msgs/msg/PoseStamped'
 
 
@@ -48,9 +50,9 @@ class RecordedScan:
 class Recording:
     """Everything the offline pipeline takes from a bag, in the order of the stamps.
 
-    `poses` are (stamp in ns, pose of the object in the frame of the contacts). The frames are the
-    names in the headers, empty where they are; `notes` say by which clock the messages go and what
-    was left out.
+    `cells`: what the touch cells of fingers felt, where they were recorded. `poses` are (stamp in
+    ns, pose of the object in the frame of the contacts). The frames are the names in the headers,
+    empty where they are; `notes` say by which clock the messages go and what was left out.
     """
 
     path: Path
@@ -62,6 +64,7 @@ class Recording:
     contact_frame: str = ''
     scan_frame: str = ''
     notes: tuple[str, ...] = ()
+    cells: tuple[TouchCells, ...] = ()
 
     @property
     def frames_differ(self) -> bool:
@@ -102,6 +105,7 @@ def read_recording(path: Path) -> Recording:
     samples = [replace(item.value, stamp=item.stamp) for item in found['contacts']]
     scans = [RecordedScan(item.stamp, item.value, item.header) for item in found['scans']]
     poses = [(item.stamp, item.value) for item in found['poses']]
+    cells = [replace(item.value, stamp=item.stamp) for item in found['cells']]
     return Recording(
         path,
         start,
@@ -112,6 +116,7 @@ def read_recording(path: Path) -> Recording:
         contact_frame,
         scan_frame,
         notes,
+        tuple(sorted(cells, key=lambda one: one.stamp)),
     )
 
 
@@ -123,6 +128,7 @@ def _messages(bag: Bag) -> dict[str, list[Recorded[Any]]]:
             ('contacts', CONTACTS, CLOUD),
             ('scans', SCANS, CLOUD),
             ('poses', POSES, POSE),
+            ('cells', CELLS, CLOUD),
         )
     }
     for kind, name in (('contacts', CONTACTS), ('scans', SCANS)):
@@ -130,7 +136,7 @@ def _messages(bag: Bag) -> dict[str, list[Recorded[Any]]]:
             raise BagError(f'{bag.path} has no topic {name}; it has {listed(bag.topics)}')
     kinds = {name: kind for kind, name in topics.items() if name is not None}
     found: dict[str, list[Recorded[Any]]] = {kind: [] for kind in topics}
-    contacts, cloud = ContactReader(), CloudReader('scan/points')
+    contacts, cells, cloud = ContactReader(), CellReader(), CloudReader('scan/points')
     for message in bag.messages(list(kinds)):
         stamp, kind = header_stamp(message.data), kinds[message.topic]
         decoded = bag.decode(message)
@@ -140,6 +146,8 @@ def _messages(bag: Bag) -> dict[str, list[Recorded[Any]]]:
             if kind == 'contacts':
                 value = contacts.read(decoded, stamp)
                 stale = bool(np.all(value.flags & FLAG_STALE))
+            elif kind == 'cells':
+                value = cells.read(decoded, stamp)
             elif kind == 'scans':
                 value = cloud.read_columns(decoded, ('x', 'y', 'z'))
             else:
@@ -156,14 +164,19 @@ def _settle_times(found: dict[str, list[Recorded[Any]]]) -> tuple[str, ...]:
     """Leave out copies and choose the clock, in place; what the user should know of it."""
     notes = []
     faults = []
-    words = {'contacts': 'contact samples', 'scans': 'scans', 'poses': 'object poses'}
+    words = {
+        'contacts': 'contact samples',
+        'scans': 'scans',
+        'poses': 'object poses',
+        'cells': 'samples of touch cells',
+    }
     for kind, messages in found.items():
         kept = without_copies(messages)
         if len(kept) < len(messages):
             notes.append(f'{len(messages) - len(kept)} {words[kind]} recorded twice, taken once')
         found[kind] = kept
         # one pose alone holds throughout, whatever its stamp
-        if kind != 'poses' or len(kept) > 1:
+        if kind in ('contacts', 'scans') or len(kept) > 1:
             faults.append(fault_of_stamps(words[kind], kept))
     fault = next(filter(None, faults), '')
     if fault:
@@ -195,6 +208,7 @@ def in_object_frame(sample: ContactSample, pose: Pose = IDENTITY) -> ContactSamp
         point=pose.to_object(sample.point),
         normal=sample.normal @ pose.rotation,
         force=sample.force @ pose.rotation,
+        along=sample.along @ pose.rotation,
     )
 
 

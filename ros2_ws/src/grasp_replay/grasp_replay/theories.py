@@ -17,6 +17,7 @@ from scan_compare.deformed_surface import DeformedSurface, surface_of_outer_face
 from scan_compare.dent import Contacts
 from shell_deform.assemble.stamps import WallError
 from shell_deform.building import build_model
+from shell_deform.contact.finger_bodies import FingerBodies
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.identify.force_curve import modulus_where
 from shell_deform.live.background.contact_tracking import ContactTracker
@@ -167,11 +168,12 @@ def theory_set(
     refine_radius: float | None = None,
     changes: dict[str, float] | None = None,
     thick: bool = True,
+    bodies: FingerBodies | None = None,
 ) -> TheorySet:
     """An object by name or file, meshed finely at `refine_at` (k, 3) [m]; raises BagError.
 
-    `changes` replaces numbers of the object: young_modulus_pa, thickness_m, poisson_ratio or
-    control_vertices.
+    For contacts of `refine_radius` [m], or for `bodies` of fingers. `changes` replaces numbers of
+    the object: young_modulus_pa, thickness_m, poisson_ratio or control_vertices.
     """
     try:
         shell = load_object(name_or_file)
@@ -182,6 +184,8 @@ def theory_set(
             shell = replace(shell, **numbers)  # type: ignore[arg-type]
             if 'young_modulus_pa' in changes:
                 shell = replace(shell, solid_young_modulus_pa=None)
+        if bodies is not None and bodies.files and refine_at is not None:
+            shell, refine_at, refine_radius = bodies.touching(shell, refine_at), None, None
         koiter = build_model(shell, 'koiter', None, refine_at, refine_radius)
     except ObjectError as error:
         raise BagError(str(error)) from error

@@ -230,6 +230,7 @@ def _print_campaign(result: CampaignResult, count: int, out: Path) -> None:
 def print_results(results: dict[str, Any], out: Path) -> None:
     """The table on the terminal: recording, verdicts, and the published rows apart."""
     from grasp_replay.results import aligned, published_lines, table_lines
+    from grasp_replay.touch_cells import sentence
 
     label = f' ({results["label"]})' if results['label'] else ''
     say(f'{results["experiment"]}{label}')
@@ -244,6 +245,8 @@ def print_results(results: dict[str, Any], out: Path) -> None:
         say(f'note: {note}')
     for row in results['rows']:
         say(f'row {row["row"]}: {row["verdict"]}')
+        if touch := row['grasp'].get('touch'):
+            say(f'row {row["row"]}: touch cells: {sentence(touch)}')
     if results['published']:
         say('published, and what we predict for the published forces (mm):')
         say(aligned(published_lines(results)))

@@ -13,10 +13,13 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shell_deform.contact.body_file import FingerBody, load_body
 from shell_deform.objects.finger_files import body_names, find_body
 from shell_deform.objects.shell_object import Contact, Finger, ObjectError, ShellObject
+
+Array = NDArray[np.float64]
 
 OTHERS = 0
 """Stands for all fingers without a body of their own."""
@@ -51,6 +54,16 @@ class FingerBodies:
             finger = of_finger(by_finger, number)
             contacts.append(contact if finger is None else _carried(contact, finger))
         return replace(shell_object, contacts=tuple(contacts))
+
+    def touching(self, shell_object: ShellObject, places: Array) -> ShellObject:
+        """The object touched at places (k, 3) [m] by the narrowest body: its mesh is for that."""
+        _, path, unit = min(self.files, key=lambda one: load_body(one[1], one[2]).size)
+        size = load_body(path, unit).size
+        contacts = tuple(
+            Contact((float(x), float(y), float(z)), size, 'fingertip', finger=Finger(path, unit))
+            for x, y, z in places
+        )
+        return replace(shell_object, contacts=contacts)
 
 
 def of_finger(bodies: Mapping[int, Carried], finger: int) -> Carried | None:

@@ -29,6 +29,8 @@ Index = NDArray[np.int64]
 POINTS_PER_TRIANGLE = 6
 # Contact points of every edge that ends the surface (Gauss).
 POINTS_PER_EDGE = 3
+# What a point depends on: x, a1 and a2.
+FIELDS = 3
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class FacePoints:
         change: (p, 3, 3, 3) derivative of the position: [p, a, i, j] of component i by component
             j of the field a, x, a1 or a2.
         tangents: (p, 2, 3) a1 and a2. area: (p,) |a1 x a2|.
-        maps: (p, n) each, from control points to x, a1 and a2.
+        maps: (3 p, n) from control points to x, a1 and a2 of one point after the other.
     """
 
     at: Index
@@ -49,7 +51,7 @@ class FacePoints:
     change: Array
     tangents: Array
     area: Array
-    maps: tuple[sp.csr_matrix, ...]
+    maps: sp.csr_matrix
 
 
 @dataclass(frozen=True)
@@ -72,15 +74,19 @@ class OuterFace:
     half: Array
 
     @cached_property
-    def matrices(self) -> tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix]:
-        """(p, n) maps from control points to x, a1 and a2."""
+    def maps(self) -> sp.csr_matrix:
+        """(3 p, n) map from control points to x, a1 and a2 of one point after the other."""
         nodes = np.concatenate([self._nodes(e) for e in self.element])
         size = (len(self.element), len(self.shell.mesh.vertices))
-        first, second, third = (
+        parts = [
             sp.csr_matrix((self.rows[:, k].copy(), nodes, self.offsets), shape=size)
-            for k in range(3)
-        )
-        return first, second, third
+            for k in range(FIELDS)
+        ]
+        return sp.vstack(parts).tocsr()[np.arange(FIELDS * size[0]).reshape(FIELDS, -1).T.ravel()]
+
+    def values_at(self, points: Index) -> sp.csr_matrix:
+        """(p, n) map from control points to the middle surface at chosen points."""
+        return self.maps[FIELDS * points]
 
     def _nodes(self, element: int) -> Index:
         start, end = self.shell.node_offsets[element : element + 2]
@@ -88,15 +94,16 @@ class OuterFace:
 
     def positions(self, control: Array) -> Array:
         """(p, 3) all points of the outer face [m] at control positions (n, 3)."""
-        value, first, second = self.matrices
-        normal = np.cross(first @ control, second @ control)
+        x, a1, a2 = np.moveaxis((self.maps @ control).reshape(-1, FIELDS, 3), 1, 0)
+        normal = np.cross(a1, a2)
         normal /= np.linalg.norm(normal, axis=1)[:, None]
-        return np.asarray(value @ control + self.half[:, None] * normal)
+        return np.asarray(x + self.half[:, None] * normal)
 
     def at(self, control: Array, points: Index) -> FacePoints:
         """The chosen points with their derivatives."""
-        maps = tuple(matrix[points] for matrix in self.matrices)
-        x, a1, a2 = (matrix @ control for matrix in maps)
+        maps = self.maps[(FIELDS * np.asarray(points)[:, None] + np.arange(FIELDS)).ravel()]
+        fields = (maps @ control).reshape(-1, FIELDS, 3)
+        x, a1, a2 = np.moveaxis(fields, 1, 0)
         cross = np.cross(a1, a2)
         area = np.linalg.norm(cross, axis=1)
         normal = cross / area[:, None]
@@ -107,21 +114,17 @@ class OuterFace:
         change[:, 1] = -scale * (flat @ _crossing(a2))
         change[:, 2] = scale * (flat @ _crossing(a1))
         position = x + self.half[points][:, None] * normal
-        tangents = np.stack([a1, a2], axis=1)
-        return FacePoints(points, position, normal, change, tangents, area, maps)
+        return FacePoints(points, position, normal, change, fields[:, 1:], area, maps)
 
     def moved(self, face: FacePoints, step: Array) -> Array:
         """(p, 3) how the chosen points move with the control points (n, 3), to first order."""
-        fields = np.stack([matrix @ step for matrix in face.maps], axis=1)
+        fields = (face.maps @ step).reshape(-1, FIELDS, 3)
         return np.einsum('paij,paj->pi', face.change, fields)
 
     def forces(self, face: FacePoints, force: Array) -> Array:
         """Nodal forces (n, 3) of forces (p, 3) [N] at the chosen points."""
         fields = np.einsum('paij,pi->paj', face.change, force)
-        result = np.zeros_like(self.shell.mesh.vertices)
-        for matrix, field in zip(face.maps, fields.transpose(1, 0, 2), strict=True):
-            result += matrix.T @ field
-        return result
+        return np.asarray(face.maps.T @ fields.reshape(-1, 3))
 
     def blocks(self, face: FacePoints, stiffness: Array, force: Array) -> Array:
         """(p, 3, 3, 3, 3) second derivative by the fields: [p, a, i, b, j].

@@ -216,4 +216,4 @@ def thick_face(shell: ThickShell) -> ThickFace:
     on_edge = np.flatnonzero(thin.half == 0.0)
     element = np.concatenate([basis.element, thin.element[on_edge]]).astype(np.int64)
     weights = np.concatenate([points.weights, thin.weights[on_edge]])
-    return ThickFace(shell, points, elements, thin.matrices[0][on_edge], element, weights)
+    return ThickFace(shell, points, elements, thin.values_at(on_edge), element, weights)

@@ -62,6 +62,14 @@ def growing(depth=1.2e-3, count=13, start=0):
     return [squeeze(d, stamp=start + k + 1) for k, d in enumerate(np.linspace(0.0, depth, count))]
 
 
+def test_a_watcher_sees_every_iteration_of_a_long_solve(tips):
+    beats = []
+    tips.solver.tracker.beat = lambda: beats.append(1)
+    followed(tips, growing(4e-4, 2))
+    state = tips.solver._held.state
+    assert len(beats) > state.iterations > 0
+
+
 def test_contact_regions_grow_and_their_cells_carry_the_push(tips):
     followed(tips, growing(4e-4, 3))
     small = taxels(tips)['area'].sum()

@@ -121,6 +121,7 @@ class ContactStep:
         system: BorderedFactor | None = None
         pressed, previous, gradient = press, 1.0, np.zeros(0)
         while self._iterations < MOST_ITERATIONS:
+            self._solver.beat()
             if system is None:
                 if self._factorisations == options.pad_factorisations:
                     break

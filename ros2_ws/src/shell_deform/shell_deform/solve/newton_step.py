@@ -100,6 +100,7 @@ class StepSolver(StepSystem):
         message = 'Newton iterations did not converge'
         try:
             while system is not None or factorisations < options.factorisations:
+                self.beat()
                 if system is None:
                     now, tangent = self._linearised(borders, loads, now)
                     factorisations += 1

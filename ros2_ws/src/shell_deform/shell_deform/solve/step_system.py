@@ -6,6 +6,7 @@ The symbolic factorisation is kept from one step to the next.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,6 +84,8 @@ class StepSystem:
         self._symbolic: SymbolicFactor | None = None
         self.known: Known | None = None
         """The last factorised tangent under rigid bodies."""
+        self.beat: Callable[[], None] = lambda: None
+        """Called at every iteration, so that a watcher knows a long solve from one that hangs."""
         self._wall = float(model.shell.thickness.max())
 
     def met(self, start: Equilibrium) -> Equilibrium:

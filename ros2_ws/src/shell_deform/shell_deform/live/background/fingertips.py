@@ -115,6 +115,7 @@ class FingertipSolver:
         self.model = model
         self._bodies = dict(bodies)
         self._solver = EquilibriumSolver(model, OPTIONS)
+        self._solver.beat = lambda: self.tracker.beat()
         self._wall = float(model.shell.thickness.mean())
         self._energy_density = EnergyDensity(model)
         self._mass = body_mass(model)
@@ -238,6 +239,7 @@ class FingertipSolver:
         model = self._solver.model
         grasp = read_grasp(model, case.contacts, found, load.friction)
         held = holds_still(model, case.contacts, grasp)
+        self.tracker.beat()
         touched = condense(self._solver, case, found, self._mass if held else None, near)
         if anew:
             self._begin(fingers)
@@ -254,6 +256,7 @@ class FingertipSolver:
             response = last
         else:
             response = touched_response(model, case.contacts, found, grasp, touched.standing)
+        self.tracker.beat()
         if anew or self._reader is None:
             self._reader = wall_reader(model, case.contacts)
         wall = self._reader.at(found.unknowns, found.force, found.displacement)

@@ -230,6 +230,12 @@ class WorkerLink:
         return self._watchdog.trouble if self.worker.alive else 'ended and is started again'
 
     @property
+    def is_lost(self) -> bool:
+        """Whether no answer comes until `tend` is called; lack of processor time is no loss."""
+        serves = self.worker.alive and self.worker.memory is not None
+        return not serves or self._watchdog.hopeless
+
+    @property
     def processes(self) -> list[int]:
         """Numbers of all processes that are kept."""
         kept = (self.worker, self.candidate, self._spare)

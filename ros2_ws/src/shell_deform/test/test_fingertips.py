@@ -9,8 +9,9 @@ import trimesh
 
 from shell_deform.commands.shell_solve import main
 from shell_deform.contact.bodies import BodyError
-from shell_deform.contact.body_file import load_body
+from shell_deform.contact.body_file import MOST_CELLS, load_body
 from shell_deform.contact.fingertip import Fingertip
+from shell_deform.live.exchange import MAX_CELLS
 from shell_deform.objects import ObjectError
 from shell_deform.objects.finger_files import body_names, find_body
 from shell_deform.squeeze import load
@@ -120,6 +121,10 @@ def test_cells_that_are_listed_as_seen_along_z_lie_on_the_face(tmp_path, shape):
 def test_cells_that_cannot_be_are_refused(tmp_path, text, says):
     with pytest.raises(ObjectError, match=says):
         load_body(body_file(tmp_path, text))
+
+
+def test_as_many_cells_are_read_as_the_background_process_is_told_of():
+    assert MOST_CELLS == MAX_CELLS
 
 
 def test_it_touches_with_its_origin_and_faces_along_z(tip):

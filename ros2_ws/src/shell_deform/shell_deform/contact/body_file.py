@@ -44,7 +44,7 @@ FOREMOST = 1e-4
 SMALLEST, LARGEST = 5e-4, 1.0
 # More corners than these take too long at every step.
 MOST_CORNERS = 1000
-# More touch cells of one finger than these are not told.
+# As many touch cells of one finger as the background process is told of.
 MOST_CELLS = 64
 # A cell is dropped on the face until it is so near [m]; where the face is steeper it has none.
 ON_FACE, STEEPEST = 1e-9, 0.05

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.contact.body_file import MOST_CELLS
 from shell_deform.live.grip_motion import AFFINE
 
 Array = NDArray[np.float64]
@@ -30,7 +29,7 @@ MAX_AFFINE = AFFINE * MAX_GRIPS
 SLOTS = 4
 
 MAX_TAXELS = 512
-MAX_CELLS = MOST_CELLS
+MAX_CELLS = 64
 """Touch cells of one finger that may shape its load."""
 
 TAXEL_FIELDS = (

@@ -148,17 +148,19 @@ def body_motion(surface: DeformedSurface) -> Pose:
     """Return the rigid motion that the undeformed region makes from rest to the deformed shape.
 
     A free body may drift as a whole while it is squeezed; a dent is deep against its own body.
+    Only that region says so, however little of the surface it is: what lies at the foot of a wide
+    dent moves alike, too, and round by round more of it would be taken for the body.
     """
     rest = surface.at_rest().samples.position
     moved = surface.samples.position
-    weight = surface.samples.area * (surface.samples.displacement <= surface.dent_threshold)
-    pose = IDENTITY
+    undeformed = surface.samples.area * (surface.samples.displacement <= surface.dent_threshold)
+    if not undeformed.any():
+        return IDENTITY
+    weight = undeformed
     for _ in range(BODY_ROUNDS):
-        if not weight.any():
-            return IDENTITY
         pose = rigid_fit(rest, moved, weight)
         left = np.linalg.norm(moved - pose.apply(rest), axis=1)
-        weight = surface.samples.area * tukey(left, spread_of(left[weight > 0.0], 1e-9))
+        weight = undeformed * tukey(left, spread_of(left[weight > 0.0], 1e-9))
     return pose
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+from functools import cache
 
 import numpy as np
 import pytest
@@ -34,6 +35,18 @@ DEGREE = np.pi / 180.0
 GRASP = two_dents(0.006, bulge=0.0003)
 
 
+@cache
+def body() -> DeformedSurface:
+    """The body without symmetry, undeformed."""
+    return odd_body()
+
+
+@cache
+def grasped_ball() -> DeformedSurface:
+    """The ball between two pins."""
+    return ball(GRASP)
+
+
 def scan_from(
     truth: Pose, surface: DeformedSurface, seed: int = 1, count: int = 20_000
 ) -> np.ndarray:
@@ -60,9 +73,16 @@ def pose_error(
     return np.array([skew[2, 1], skew[0, 2], skew[1, 0]]), left.apply(about[None])[0] - about
 
 
+@pytest.fixture(scope='module')
+def dented_body() -> DeformedSurface:
+    return odd_body(two_dents(0.004))
+
+
 @pytest.mark.parametrize('seed', [1, 2, 3])
-def test_a_body_without_symmetry_is_found_from_any_rotation(seed: int) -> None:
-    surface = odd_body(two_dents(0.004))
+def test_a_body_without_symmetry_is_found_from_any_rotation(
+    dented_body: DeformedSurface, seed: int
+) -> None:
+    surface = dented_body
     generator = np.random.default_rng(100 + seed)
     truth = Pose(
         rotation_from_quaternion(generator.standard_normal(4)), 0.1 * generator.standard_normal(3)
@@ -77,16 +97,16 @@ def test_a_body_without_symmetry_is_found_from_any_rotation(seed: int) -> None:
 
 @pytest.mark.parametrize('seed', [1, 2, 3])
 def test_the_grasped_ball_is_found_where_it_is_observable(seed: int) -> None:
-    surface = ball(GRASP)
+    surface = grasped_ball()
     truth = offset(seed)
-    found = register(scan_from(truth, surface, seed, 60_000), surface)
+    found = register(scan_from(truth, surface, seed, 30_000), surface)
     turn, shift = pose_error(found, truth, np.zeros(3))
     assert np.linalg.norm(turn[:2]) < 0.05 * DEGREE
     assert np.linalg.norm(shift) < 0.05e-3
 
 
 def test_the_spin_of_the_grasped_ball_is_named_and_left_alone() -> None:
-    surface = ball(GRASP)
+    surface = grasped_ball()
     truth = offset(4)
     found = register(scan_from(truth, surface, 4), surface)
     assert len(found.unobservable) == 1
@@ -98,7 +118,7 @@ def test_the_spin_of_the_grasped_ball_is_named_and_left_alone() -> None:
 
 def test_a_wrong_dent_depth_does_not_tilt_the_ball() -> None:
     truth = offset(5)
-    scan = scan_from(truth, ball(GRASP), 5)
+    scan = scan_from(truth, grasped_ball(), 5)
     model = ball(two_dents(0.0075, bulge=0.0003))
     turn, shift = pose_error(register(scan, model), truth, np.zeros(3))
     assert np.linalg.norm(turn[:2]) < 0.2 * DEGREE
@@ -107,7 +127,7 @@ def test_a_wrong_dent_depth_does_not_tilt_the_ball() -> None:
 
 def test_an_undented_ball_may_spin_and_only_its_centre_is_found() -> None:
     truth = offset(6)
-    found = register(scan_from(truth, ball(), 6), ball())
+    found = register(scan_from(truth, ball(), 6, 8_000), ball())
     _, shift = pose_error(found, truth, np.zeros(3))
     assert np.linalg.norm(shift) < 0.05e-3
     assert len(found.unobservable) == 3
@@ -142,27 +162,20 @@ def test_a_half_can_may_slide_along_its_axis_and_turn_about_it() -> None:
 
 def test_a_shrunken_scan_is_not_scaled_to_fit() -> None:
     truth = offset(9)
-    scan = 0.98 * scan_from(truth, odd_body(), 9)
-    found = register(scan, odd_body())
+    scan = 0.98 * scan_from(truth, body(), 9, 4_000)
+    found = register(scan, body())
     assert np.allclose(found.rotation @ found.rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(found.rotation) == pytest.approx(1.0)
     assert found.rms_m > 0.25e-3
 
 
-def test_a_mirrored_scan_is_not_mirrored_back() -> None:
-    scan = scan_points(odd_body(), 20_000) * np.array([-1.0, 1.0, 1.0])
-    found = register(scan, odd_body(), start=None)
-    assert np.linalg.det(found.rotation) == pytest.approx(1.0)
-    assert found.rms_m > 0.3e-3
-
-
 def test_fingers_in_the_scan_are_trimmed() -> None:
     truth = offset(10)
-    surface = ball(GRASP)
-    points = scan_points(surface, 40_000, seed=10)
+    surface = grasped_ball()
+    points = scan_points(surface, 20_000, seed=10)
     generator = np.random.default_rng(0)
-    finger = np.array([0.0, 0.0, 0.027]) + generator.standard_normal((1_500, 3)) * [2e-3, 2e-3, 0]
-    finger[:, 2] += 0.03 * generator.random(1_500)
+    finger = np.array([0.0, 0.0, 0.027]) + generator.standard_normal((750, 3)) * [2e-3, 2e-3, 0]
+    finger[:, 2] += 0.03 * generator.random(750)
     scan = truth.inverse().apply(np.concatenate((points, finger)))
     turn, shift = pose_error(register(scan, surface), truth, np.zeros(3))
     assert np.linalg.norm(shift) < 0.05e-3
@@ -171,17 +184,17 @@ def test_fingers_in_the_scan_are_trimmed() -> None:
 
 def test_a_dent_that_the_model_does_not_know_is_trimmed() -> None:
     truth = offset(11)
-    points = scan_from(truth, odd_body(two_dents(0.005)), 11)
-    turn, shift = pose_error(register(points, odd_body()), truth, np.zeros(3))
+    points = scan_from(truth, odd_body(two_dents(0.005)), 11, 10_000)
+    turn, shift = pose_error(register(points, body()), truth, np.zeros(3))
     assert np.linalg.norm(turn) < 0.5 * DEGREE
     assert np.linalg.norm(shift) < 0.15e-3
 
 
 def test_a_mask_limits_the_registration_to_chosen_points() -> None:
-    points = scan_points(odd_body(), 40_000)
+    points = scan_points(body(), 10_000)
     spoiled = points.copy()
     spoiled[points[:, 0] > 0] += [2e-3, 0.0, 0.0]
-    found = register(spoiled, odd_body(), mask=points[:, 0] <= 0)
+    found = register(spoiled, body(), mask=points[:, 0] <= 0)
     _, shift = pose_error(found, IDENTITY, np.zeros(3))
     assert np.linalg.norm(shift) < 0.05e-3
 
@@ -198,7 +211,7 @@ VIEWS = np.array(
 def drawn(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray | None]:
     """A scan of 2 500 points and, of ten views each laid off by 0.05 mm, their numbers."""
     generator = np.random.default_rng([seed, 41])
-    points = scan_points(odd_body(), 8_333 if kind == '30 % seen' else 2_500, seed=90_000 + seed)
+    points = scan_points(body(), 8_333 if kind == '30 % seen' else 2_500, seed=90_000 + seed)
     if kind == '30 % seen':
         return occlude(points, 0.7, generator.standard_normal(3)), None
     if kind == 'white':
@@ -209,7 +222,7 @@ def drawn(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray | None]:
 
 @pytest.mark.parametrize('kind', ['white', '30 % seen', 'ten views'])
 def test_the_covariance_covers_the_error_of_the_pose(kind: str) -> None:
-    surface, ratios = odd_body(), []
+    surface, ratios = body(), []
     for seed in range(DRAWS):
         points, view = drawn(kind, seed)
         found = register(points, surface, views=view)
@@ -225,9 +238,9 @@ def test_the_covariance_covers_the_error_of_the_pose(kind: str) -> None:
 
 def test_views_that_nobody_names_still_widen_the_covariance() -> None:
     points, view = drawn('ten views', 3)
-    named = register(points, odd_body(), views=view)
-    unnamed = register(points, odd_body())
-    white = register(drawn('white', 3)[0], odd_body())
+    named = register(points, body(), views=view)
+    unnamed = register(points, body())
+    white = register(drawn('white', 3)[0], body())
     assert np.trace(unnamed.covariance) > 4.0 * np.trace(white.covariance)
     assert np.trace(unnamed.covariance) > 0.2 * np.trace(named.covariance)
 
@@ -237,17 +250,17 @@ def test_views_laid_through_each_other_show_as_noise_beyond_that_of_the_scanner(
     generator = np.random.default_rng(5)
     view = generator.integers(0, 10, len(points))
     mixed = points + (0.1e-3 * generator.standard_normal((10, 3)))[view]
-    white, doubtful = (register(scan, odd_body()) for scan in (points, mixed))
+    white, doubtful = (register(scan, body()) for scan in (points, mixed))
     assert np.trace(doubtful.covariance[3:, 3:]) > 3.0 * np.trace(white.covariance[3:, 3:])
     # a scanner that is as bad as that shows no views
-    worse = register(mixed, odd_body(), scanner_sigma_m=0.2e-3)
+    worse = register(mixed, body(), scanner_sigma_m=0.2e-3)
     assert np.trace(worse.covariance[3:, 3:]) < 0.5 * np.trace(doubtful.covariance[3:, 3:])
 
 
 def boxed(seed: int, share: float) -> np.ndarray:
     """A scan whose `share` of points lies anywhere in a box about the body."""
     generator = np.random.default_rng(seed)
-    points = scan_points(odd_body(), round(3_000 * (1.0 - share)), seed=seed)
+    points = scan_points(body(), round(3_000 * (1.0 - share)), seed=seed)
     lowest, highest = points.min(axis=0) - 5e-3, points.max(axis=0) + 5e-3
     stray = generator.uniform(lowest, highest, (round(3_000 * share), 3))
     return np.concatenate((points, stray))
@@ -255,44 +268,51 @@ def boxed(seed: int, share: float) -> np.ndarray:
 
 FAILING = {
     '60 % outliers': lambda seed: (boxed(seed, 0.6), IDENTITY),
-    'mirrored': lambda seed: (scan_points(odd_body(), 3_000, seed=seed) * [-1, 1, 1], None),
+    'mirrored': lambda seed: (scan_points(body(), 3_000, seed=seed) * [-1, 1, 1], None),
     'another object': lambda seed: (scan_points(ball(), 3_000, seed=seed), None),
 }
 FAILURES = 100 if os.environ.get('SOAK') else 1
 
 
+@cache
+def failed(name: str, seed: int = 700) -> Registration:
+    """What becomes of a scan that cannot fit."""
+    points, start = FAILING[name](seed)
+    return register(points, body(), start=start)
+
+
 @pytest.mark.parametrize('name', FAILING)
 def test_a_fit_that_failed_is_called_so(name: str) -> None:
     for seed in range(700, 700 + FAILURES):
-        points, start = FAILING[name](seed)
-        found = register(points, odd_body(), start=start)
+        found = failed(name, seed)
         assert any('does not fit' in doubt for doubt in found.doubts), seed
         assert found.text.startswith('the scan does not fit')
 
 
-def test_a_mirrored_scan_is_named() -> None:
-    points, start = FAILING['mirrored'](731)
-    found = register(points, odd_body(), start=start)
+def test_a_mirrored_scan_is_named_and_not_mirrored_back() -> None:
+    found = failed('mirrored')
     assert any('mirror image' in doubt for doubt in found.doubts)
+    assert np.linalg.det(found.rotation) == pytest.approx(1.0)
+    assert found.rms_m > 0.3e-3
 
 
 def test_what_belongs_to_the_object_is_counted() -> None:
-    found = register(boxed(5, 0.6), odd_body())
+    found = failed('60 % outliers')
     assert any('% of the scan outside the dents' in doubt for doubt in found.doubts)
     assert found.explained_fraction < 0.5
 
 
 @pytest.mark.parametrize('share', [0.0, 0.3])
 def test_a_good_fit_has_no_doubts(share: float) -> None:
-    found = register(boxed(4, share), odd_body())
+    found = register(boxed(4, share), body())
     assert found.doubts == ()
     assert found.explained_fraction > 0.65
     assert 'most of the scan does not fit' not in found.text
 
 
 def test_the_same_scan_gives_the_same_pose_to_the_last_bit() -> None:
-    surface = odd_body()
-    scan = scan_from(offset(12), surface, 12)
+    surface = body()
+    scan = scan_from(offset(12), surface, 12, 5_000)
     first, second = (register(scan, surface) for _ in range(2))
     assert first.rotation.tobytes() == second.rotation.tobytes()
     assert first.covariance.tobytes() == second.covariance.tobytes()
@@ -300,10 +320,10 @@ def test_the_same_scan_gives_the_same_pose_to_the_last_bit() -> None:
 
 def test_too_few_points_are_refused() -> None:
     with pytest.raises(RegistrationError, match='5 scan points'):
-        register(np.zeros((5, 3)), odd_body())
+        register(np.zeros((5, 3)), body())
 
 
 def test_a_mask_that_leaves_nothing_is_refused() -> None:
-    points = scan_points(odd_body(), 1_000)
+    points = scan_points(body(), 1_000)
     with pytest.raises(RegistrationError, match='only 0 of 1000'):
-        register(points, odd_body(), mask=np.zeros(1_000, bool))
+        register(points, body(), mask=np.zeros(1_000, bool))

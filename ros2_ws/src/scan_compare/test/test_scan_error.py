@@ -22,18 +22,28 @@ from scan_compare.scan_file import read_scan
 SHELL = surface_of_object('tennis_ball')
 REST = SHELL.limit.limit_positions(SHELL.rest)
 TURN = rotation_from_vector(np.array([0.03, -0.02, 0.0]))
+POINTS = 8_000
 GRASPED = shell(REST, SHELL.mesh.triangles, SHELL.thickness, two_dents(0.005, bulge=0.0003))
 
 
-@pytest.fixture
-def files(tmp_path: Path) -> Path:
+@pytest.fixture(scope='module')
+def grasp(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """scan.xyz (inch), rest.xyz (mm), surface.ply and rest.ply (m): a synthetic grasp."""
-    np.savetxt(tmp_path / 'scan.xyz', scan_points(GRASPED, 20_000) @ TURN / 0.0254, fmt='%.6f')
-    np.savetxt(tmp_path / 'rest.xyz', 1e3 * scan_points(SHELL, 20_000) @ TURN, fmt='%.6f')
+    folder = tmp_path_factory.mktemp('grasp')
+    np.savetxt(folder / 'scan.xyz', scan_points(GRASPED, POINTS) @ TURN / 0.0254, fmt='%.6f')
+    np.savetxt(folder / 'rest.xyz', 1e3 * scan_points(SHELL, POINTS) @ TURN, fmt='%.6f')
     for name, control in (('surface.ply', GRASPED.deformed), ('rest.ply', GRASPED.rest)):
         positions = GRASPED.limit.limit_positions(control)
         mesh = trimesh.Trimesh(positions, GRASPED.mesh.triangles, process=False)
-        (tmp_path / name).write_bytes(mesh.export(file_type='ply', vertex_normal=False))
+        (folder / name).write_bytes(mesh.export(file_type='ply', vertex_normal=False))
+    return folder
+
+
+@pytest.fixture
+def files(tmp_path: Path, grasp: Path) -> Path:
+    """A folder of the test's own with the files of the grasp."""
+    for file in grasp.iterdir():
+        (tmp_path / file.name).symlink_to(file)
     return tmp_path
 
 
@@ -62,8 +72,8 @@ def test_a_report_opens_offline_and_its_error_map_is_a_scan(
     page = (out / 'report.html').read_text()
     assert page.count('data:image/png;base64,') == 2
     assert 'http' not in page
-    assert read_scan(out / 'error.ply', 'm').points.shape == (20_000, 3)
-    assert len((out / 'error.csv').read_text().splitlines()) == 20_001
+    assert read_scan(out / 'error.ply', 'm').points.shape == (POINTS, 3)
+    assert len((out / 'error.csv').read_text().splitlines()) == POINTS + 1
     assert not list(out.glob('*.part'))
     rows = list(csv.DictReader((out / 'comparison.csv').read_text().splitlines()))
     table = {row['statistic']: row for row in rows}
@@ -115,7 +125,8 @@ def test_a_cropped_copy_of_the_scan_names_the_undeformed_region(
 def test_views_are_merged_and_the_gap_between_them_is_printed(
     files: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    points = np.loadtxt(files / 'scan.xyz')
+    # Views need twenty points of another within reach.
+    points = scan_points(GRASPED, 22_000) @ TURN / 0.0254
     views = {'left.xyz': points[points[:, 0] < 0.3], 'right.xyz': points[points[:, 0] > -0.3]}
     for name, view in views.items():
         np.savetxt(files / name, view, fmt='%.6f')

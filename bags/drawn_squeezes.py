@@ -5,7 +5,7 @@ Each seed draws a hand (gauges, mounting of the pins, tendons, weights), which s
 several forces. What the driver tells of its contacts goes through tick and solver as in the node.
 The ball is the thin shell that the node assumes, solved by itself: a known truth. Or it is a
 finite-element solid of the same size: a truth that thin-shell theory does not hold. Its pose is
-the true one, as a camera would give it.
+the true one, as a camera would give it, or the one that the pins tell.
 """
 
 from __future__ import annotations
@@ -91,12 +91,21 @@ class Drawn:
 
 
 def squeezes(
-    ball: Ball, seeds: range, loads: tuple[float, ...], wall: Wall, misfit: str = 'none'
+    ball: Ball,
+    seeds: range,
+    loads: tuple[float, ...],
+    wall: Wall,
+    misfit: str = 'none',
+    pose_from: str = 'elsewhere',
 ) -> Iterator[Drawn]:
-    """Each hand squeezes the ball to each load, the first to show the play of its tendons."""
+    """Each hand squeezes the ball to each load, the first to show the play of its tendons.
+
+    `pose_from`: as the parameter of the node.
+    """
     shell = with_material(load_object('tennis_ball'), wall.young, wall.poisson_ratio)
     model = build_model(shell, wall.theory)
-    options = settings({one.name: one.default for one in PARAMETERS})
+    values = {one.name: one.default for one in PARAMETERS}
+    options = settings({**values, 'pose_from': pose_from})
     for seed in seeds:
         trial = Trial(seed, misfit=misfit, table=ball.table)
         if trial.tare():
@@ -119,9 +128,12 @@ class _Player:
         truths = [self._trial.mechanics.truth(finger) for finger in (1, 2)]
         first, second = (np.array(truth.pin_tip) for truth in truths)
         self._force = float(truths[0].force_n)
-        self._pose = Pose(along_pins(first, second), 0.5 * (first + second))
+        self._pose = _between(first, second)
         self._sample = _sample(seen, round(1e9 * self._trial.mechanics.time_s))
-        self._live.estimator.pose = self._pose
+        told = self._pose
+        if self._live.estimator.settings.pose_from_fingers:
+            told = _between(*self._sample.point)
+        self._live.estimator.pose = told
         self._live.tick(self._sample)
         self._number += 1
         if self._number % SAMPLES_PER_REFRESH == 0:
@@ -138,6 +150,11 @@ class _Player:
         )  # fmt: skip
 
 
+def _between(first: Array, second: Array) -> Pose:
+    """The pose of a ball between two pins (3,)."""
+    return Pose(along_pins(first, second), 0.5 * (first + second))
+
+
 def _sample(seen: Observation, stamp: int) -> ContactSample:
     """What an observed hand publishes of its contacts."""
     contacts = [seen.fingers[finger].contact for finger in (1, 2)]
@@ -149,5 +166,5 @@ def _sample(seen: Observation, stamp: int) -> ContactSample:
         stamp, column('finger', np.int64), column('flags', np.int64), column('point'),
         column('normal'), column('force'), column('sigma_normal_n'),
         column('sigma_tangential_n'), column('radius_m'), column('travel_m'),
-        column('sigma_travel_m'), column('along'),
+        column('sigma_travel_m'), column('along'), column('sigma_point_m'),
     )  # fmt: skip

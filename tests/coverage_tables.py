@@ -186,17 +186,22 @@ def depths(count: int) -> Iterator[list[str]]:
 def surfaces(count: int) -> Iterator[list[str]]:
     """The served surface under drawn hands that squeeze a ball: known truths and others."""
     seeds = range(FIRST_SEED, FIRST_SEED + count)
-    for ball, wall, misfit, truth in (
-        (thin_ball(), Wall(), 'none', 'the thin ball that the node assumes'),
-        (thin_ball(), Wall(), 'tendon', 'the same in the hand of ' + MISFITS['tendon'].meaning),
-        (solid_ball(), Wall(), 'none', 'misfit: a solid where thin-shell theory is assumed'),
-        (solid_ball(), SOLID_WALL, 'none', 'a solid, as a thick wall of its own modulus'),
-    ):
-        found = list(squeezes(ball, seeds, SURFACE_LOADS_N, wall, misfit))
+    pins, camera = ('fingers', ', pose told by the pins'), ('elsewhere', ', pose of a camera')
+    thick = 'a solid, as a thick wall of its own modulus'
+    for ball, wall, misfit, (pose_from, pose), truth in (
+        (thin_ball(), Wall(), 'none', pins, 'the thin ball that the node assumes'),
+        (thin_ball(), Wall(), 'none', camera, 'the thin ball that the node assumes'),
+        (thin_ball(), Wall(), 'tendon', pins,
+         'the same in the hand of ' + MISFITS['tendon'].meaning),
+        (solid_ball(), Wall(), 'none', pins, 'misfit: a solid where thin-shell theory is assumed'),
+        (solid_ball(), SOLID_WALL, 'none', pins, thick),
+        (solid_ball(), SOLID_WALL, 'none', camera, thick),
+    ):  # fmt: skip
+        found = list(squeezes(ball, seeds, SURFACE_LOADS_N, wall, misfit, pose_from))
         ratio = np.concatenate([one.served / one.sigma for one in found])
         dent = np.concatenate([one.dent for one in found])
         yield [
-            'served surface of a ball', truth,
+            'served surface of a ball', truth + pose,
             f'{count} hands, {len(found)} squeezes, {len(ratio)} vertices', *shares(ratio),
             f'in the dents {shares(ratio[dent])[0]}',
         ]  # fmt: skip

@@ -47,6 +47,8 @@ from barrett_hand_bridge.zero import BLOCK_S, DRIFT_8_BIT, DriftModel, ZeroTrack
 NEAR_SATURATION = 0.9
 FACING_COSINE = 0.5
 QUANTISATION_COUNTS = 1.0 / math.sqrt(12.0)
+# A gauge at its end may hide up to half of what it tells, evenly: so much root mean square.
+BEYOND_END = 0.5 / math.sqrt(3.0)
 # Behind the place of first touch by so much, a pin has left the dent that it had pressed.
 WITHDRAWN_M = 0.003
 
@@ -106,6 +108,7 @@ class _Torque:
     count_nm: float
     flags: int
     near: bool
+    at_end: bool = False
 
 
 class HandObserver:
@@ -292,7 +295,7 @@ class HandObserver:
         slow = math.hypot(zero_slope * zero_sigma, math.sqrt(2.0) * gauge.residual_nm)
         sigma = math.hypot(white, slow, gauge.relative_sigma * whole)
         near = abs(whole) > NEAR_SATURATION * gauge.valid_torque_nm
-        return _Torque(whole - weight, sigma, white, slope, flags, near)
+        return _Torque(whole - weight, sigma, white, slope, flags, near, at_end)
 
     def _reading(
         self,
@@ -312,7 +315,7 @@ class HandObserver:
         sigma_arm = math.hypot(pin.position_sigma_m, reach * sigma_direction)
         flags = torque.flags
         force = normal_force(torque.value_nm, torque.sigma_nm, arm, sigma_arm)
-        travel, sigma_travel = 0.0, 0.0
+        travel, sigma_travel, stretch = 0.0, 0.0, 0.0
         if math.isfinite(torque.white_nm) and math.isfinite(force.sigma_n):
             touched = self.touches[finger].touching
             touching = self.touches[finger].update(
@@ -324,11 +327,7 @@ class HandObserver:
             if touching:
                 flags |= FLAG_CONTACT
                 travel, sigma_origin = self.touches[finger].travel(point, normal)
-                stretch = math.hypot(
-                    s.tendon_sigma_rad_per_nm * torque.value_nm,
-                    s.tendon_compliance_rad_per_nm * torque.sigma_nm,
-                    self.tendons.lag_sigma(self._stretch(torque.value_nm)),
-                )
+                stretch = self._stretch_sigma(torque)
                 encoder = s.encoder.finger_rad_per_count * QUANTISATION_COUNTS * 2.0 * reach
                 sigma_travel = math.hypot(sigma_origin, arm * stretch, encoder)
             self._follow_zero(finger, counts, point, time_s)
@@ -345,7 +344,9 @@ class HandObserver:
             radius_m=pin.radius_m,
             travel_m=travel,
             sigma_travel_m=sigma_travel,
-            sigma_point_m=math.hypot(pin.position_sigma_m, 0.13 * s.backlash_sigma_rad),
+            sigma_point_m=math.hypot(
+                pin.position_sigma_m, 0.13 * s.backlash_sigma_rad, reach * stretch
+            ),
             sigma_direction_rad=sigma_direction,
             along=frames.tip[:3, 0],
         )
@@ -365,6 +366,17 @@ class HandObserver:
     def _stretch(self, torque_nm: float) -> float:
         """By how much the tendons are longer under a torque, as an angle of the outer link."""
         return self.settings.tendon_compliance_rad_per_nm * torque_nm
+
+    def _stretch_sigma(self, torque: _Torque) -> float:
+        """Standard deviation of that angle [rad]; a gauge at its end tells a lower bound."""
+        s, sigma = self.settings, torque.sigma_nm
+        if torque.at_end:
+            sigma = math.hypot(sigma, BEYOND_END * torque.value_nm)
+        return math.hypot(
+            s.tendon_sigma_rad_per_nm * torque.value_nm,
+            s.tendon_compliance_rad_per_nm * sigma,
+            self.tendons.lag_sigma(self._stretch(torque.value_nm)),
+        )
 
     def _see_squeeze(self, readings: Mapping[int, FingerReading]) -> None:
         """Let the tendons' play be seen: all fingers that touch, as one squeeze."""

@@ -120,6 +120,20 @@ def test_a_gauge_at_its_end_is_flagged_saturated():
     assert reading.contact.flags & FLAG_SATURATED
 
 
+def test_a_gauge_at_its_end_tells_a_lower_bound_of_what_the_tendons_stretch():
+    trial = Trial(9)
+    trial.tare()
+    ramp(trial, 2.0)
+    held = trial.observer.observe(trial.sample(0.01)).fingers[1]
+    trial.mechanics._torques[1] = 1.6
+    trial.mechanics._settle = lambda: None
+    contact = (reading := trial.observer.observe(trial.sample(0.01)).fingers[1]).contact
+    stretch = trial.observer.settings.tendon_compliance_rad_per_nm * reading.torque_nm
+    assert contact.sigma_travel_m > 0.25 * stretch * reading.arm_m
+    assert contact.sigma_point_m > contact.sigma_travel_m
+    assert held.contact.sigma_point_m < 1.3 * trial.observer.settings.pins[1].position_sigma_m
+
+
 def test_a_finger_without_gauge_is_not_called_saturated():
     trial = Trial(10)
     trial.mechanics.gauges[3].fitted = False

@@ -41,6 +41,7 @@ FIELDS = [
     ('sigma_t', 'f4'),
     ('travel', 'f4'),
     ('sigma_travel', 'f4'),
+    ('sigma_point', 'f4'),
     *((name, 'f4') for name in ('ax', 'ay', 'az')),
 ]
 ROW = np.dtype(FIELDS)
@@ -98,7 +99,7 @@ def cloud(contacts: ContactSample, frame='hand_base') -> PointCloud2:
     rows['sigma_n'], rows['radius'] = contacts.sigma_normal, contacts.radius
     rows['finger'], rows['flags'] = contacts.finger, contacts.flags
     rows['sigma_t'], rows['travel'] = contacts.sigma_tangential, contacts.travel
-    rows['sigma_travel'] = contacts.sigma_travel
+    rows['sigma_travel'], rows['sigma_point'] = contacts.sigma_travel, contacts.sigma_point
     for i, axis in enumerate('xyz'):
         rows['a' + axis] = contacts.along[:, i]
     message = PointCloud2(

@@ -48,6 +48,13 @@ PARAMETERS: tuple[Parameter, ...] = (
         choices=('given', 'first_touch'),
     ),
     Parameter(
+        'pose_from',
+        'fingers',
+        'whence a given pose is known: fingers: it follows from their points, and is off as they '
+        'are (sigma_point); elsewhere: a camera, say, and it is exact',
+        choices=('fingers', 'elsewhere'),
+    ),
+    Parameter(
         'drive',
         'fused',
         'what drives the surface: force, motion (travel of the contacts), or both by their sigmas',
@@ -182,6 +189,7 @@ def settings(values: Mapping[str, Any]) -> Settings:
             default_travel=float(values['travel_sigma']),
         ),
         default_radius=float(values['pin_radius']),
+        pose_from_fingers=values['pose_from'] == 'fingers',
     )
 
 

@@ -38,6 +38,7 @@ class ContactReader:
             travel=cloud.column(points, 'travel', np.nan),
             sigma_travel=cloud.column(points, 'sigma_travel', np.nan),
             along=np.stack([cloud.column(points, name, np.nan) for name in ALONG], axis=1),
+            sigma_point=cloud.column(points, 'sigma_point', np.nan),
         )
 
 

@@ -34,6 +34,7 @@ from shell_deform.live.tick.serve_kernel import (
     serve,
     serve_outer,
 )
+from shell_deform.live.tick.whereabouts import PlaceDoubt
 
 Array = NDArray[np.float64]
 
@@ -46,10 +47,14 @@ UNKNOWN_DENT = 5e-3
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything a user may choose about the tick."""
+    """Everything a user may choose about the tick.
+
+    `pose_from_fingers`: whether a pose that is given follows from the points of the fingers.
+    """
 
     errors: ErrorModel = field(default_factory=ErrorModel)
     default_radius: float = 2e-3
+    pose_from_fingers: bool = True
 
 
 @dataclass(frozen=True)
@@ -143,6 +148,7 @@ class Estimator:
         self.grips = None if grips is None else GripPoses(grips[0])
         self._rest_grips = np.zeros((len(rest), 3, 0)) if grips is None else grips[1]
         self._linear: tuple[AtRest, Array, Array] | None = None
+        self._places = PlaceDoubt()
         n = len(rest)
         size = float(np.linalg.norm(np.ptp(rest, axis=0)))
         self.widest = size if grips is None else math.inf
@@ -160,6 +166,7 @@ class Estimator:
         """Serve rest until a new result is adopted."""
         self.adopted = None
         self.posterior = None
+        self._places = PlaceDoubt()
         if self.hold is not None:
             self.hold.forget()
 
@@ -167,6 +174,7 @@ class Estimator:
         """Take a new result of the background process."""
         self.adopted = Adopted(slot)
         self._carried_rest = self.adopted.carried.from_object(self.rest)
+        self._places.adopt(self.adopted, self.rest, self.rest_normals)
         if self.hold is not None:
             self.hold.take(self.adopted.softening)
 
@@ -193,6 +201,8 @@ class Estimator:
         if self.adopted is not None and self.grips is not None:
             self.adopted.follow(self.grips)
         self._linear = None
+        told = self.pose is None or self.settings.pose_from_fingers
+        self._places.see(merged, self.pose_in_use, told)
         if not len(merged.finger):
             if self.first_touch is not None:
                 self.first_touch.forget()
@@ -261,10 +271,10 @@ class Estimator:
             adopted.slot.third,
             third,
             joined.doubt + adopted.doubt,
-            adopted.slot.unmodelled,
+            self._places.unmodelled(adopted),
             pose.rotation,
             pose.translation,
-            adopted.pose_root,
+            self._places.pose_root(self.pose is not None),
             self._packed,
         )
         offset = adopted.outer_offset(moved)
@@ -510,11 +520,10 @@ class Estimator:
         normals, unmodelled = self.rest_normals, self._no_third
         if self.adopted is not None and not at_rest:
             normals, unmodelled = self.adopted.normals, self.adopted.slot.unmodelled
-        pose_root = self.adopted.pose_root if self.adopted is not None else np.zeros((6, 0))
         largest = serve(
             self.rest, surface, normals, columns, inputs, np.ascontiguousarray(root),
             self._no_bend, 0.0, 0.0, self._no_third, 0.0, doubt, unmodelled,
-            pose.rotation, pose.translation, pose_root, packed,
+            pose.rotation, pose.translation, self._places.pose_root(self.pose is not None), packed,
         )  # fmt: skip
         if packed is self._packed and self._rest_offset is not None:
             serve_outer(self._rest_offset, pose.rotation, packed)

@@ -47,6 +47,7 @@ class ContactSample:
         travel: (p,) motion along the normal since first touch [m], NaN where unknown.
         sigma_travel: (p,) [m].
         along: (p, 3) direction in the pad to the tip of the finger, NaN where unknown.
+        sigma_point: (p,) of the point in each direction [m], NaN where unknown.
     """
 
     stamp: int
@@ -61,10 +62,13 @@ class ContactSample:
     travel: Array
     sigma_travel: Array
     along: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    sigma_point: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         if len(self.along) != len(self.finger):
             object.__setattr__(self, 'along', np.full((len(self.finger), 3), np.nan))
+        if len(self.sigma_point) != len(self.finger):
+            object.__setattr__(self, 'sigma_point', np.full(len(self.finger), np.nan))
 
     @property
     def touching(self) -> NDArray[np.bool_]:
@@ -101,6 +105,7 @@ COLUMNS = (
     'travel',
     'sigma_travel',
     'along',
+    'sigma_point',
 )
 
 
@@ -231,4 +236,6 @@ def _resultant(cells: ContactSample) -> ContactSample:
         travel=np.array([cells.travel[known].mean() if known.any() else np.nan]),
         sigma_travel=np.array([cells.sigma_travel[known].mean() if known.any() else np.nan]),
         along=cells.along[:1],
+        # Cells of one finger are off together.
+        sigma_point=cells.sigma_point[np.argmax(share)][None],
     )

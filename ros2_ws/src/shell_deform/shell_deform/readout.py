@@ -12,6 +12,7 @@ from shell_deform.assemble.thick import MOST_INCOMPRESSIBLE, ThickShell
 from shell_deform.model import ShellModel
 from shell_deform.surface.control_mesh import ControlMesh
 from shell_deform.surface.crossing import crossing
+from shell_deform.surface.fit import MOST_THIN, thin_share, thinnest
 from shell_deform.theory import THEORIES
 from shell_deform.theory.material import Material
 from shell_deform.theory.thin_wall import (
@@ -31,14 +32,6 @@ SMALL_STRAIN_LIMIT = 0.2
 
 NEVER_MEETS = 0.2
 """Walls that moved by less of the smallest extent of the object have not met."""
-
-THIN_TRIANGLE = 20.0
-"""Triangles with a smaller angle [degrees] bend badly."""
-
-MOST_THIN = 0.0025
-"""Share of the surface that they may cover. On the cup of the recordings under pins of 1 mm forces
-are 1, 2, 4, 14, 24 and 250 % too large where they cover 0.14, 0.17, 0.29, 0.8, 1.0 and 7.3 % of it
-(1000, 700, 500, 350, 250 and 150 control vertices beside 1500)."""
 
 FACE_STEPS = 12
 """Newton steps on the stretch across a free face; it settles in five."""
@@ -241,19 +234,12 @@ def mesh_warning(mesh: ControlMesh) -> str | None:
 
     So look meshes that are fine at small contacts and have few control vertices beside them.
     """
-    corners = mesh.vertices[mesh.triangles[mesh.active]]
-    edges = np.roll(corners, -1, axis=1) - corners
-    length = np.linalg.norm(edges, axis=2)
-    area = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    # The smallest angle is opposite the shortest edge.
-    sine = 2.0 * area * length.min(axis=1) / length.prod(axis=1)
-    angle = np.degrees(np.arcsin(np.minimum(1.0, sine)))
-    share = float(area[angle < THIN_TRIANGLE].sum() / area.sum())
+    share = thin_share(mesh)
     if share <= MOST_THIN:
         return None
     return (
         f'the mesh is too coarse beside its contacts: {100.0 * share:.2g} % of it lies on long '
-        f'triangles, down to {angle.min():.2g} degrees, and forces are too large (4 % where '
+        f'triangles, down to {thinnest(mesh):.2g} degrees, and forces are too large (4 % where '
         '0.3 %, 24 % where 1 % do); take more control vertices (control_vertices, --vertices) or '
         'wider contacts'
     )

@@ -28,6 +28,7 @@ def well():
         alive=True,
         theory='koiter',
         theory_reason='thin',
+        mesh_warning='',
         process=SimpleNamespace(pid=os.getpid()),
     )
     return Condition(
@@ -85,6 +86,12 @@ def test_a_hold_beyond_what_the_law_is_known_for_is_told(well):
 def test_a_dead_background_process_is_told(well):
     well.link.trouble = 'ended and is started again'
     assert judge(well) == ('warn', 'the background process ended and is started again')
+
+
+def test_a_mesh_that_bends_badly_is_told_with_the_way_out(well):
+    well.link.worker.mesh_warning = 'the mesh is too coarse beside its contacts; take more'
+    assert judge(well) == ('warn', 'the mesh is too coarse beside its contacts; take more')
+    assert values(well, 1.0)['trouble of the mesh'].endswith('take more')
 
 
 def test_a_shell_that_cannot_be_built_outranks_every_state(well):

@@ -20,10 +20,10 @@ REACH = 6.0
 
 
 def with_small_triangles(
-    mesh: ControlMesh, target: Target, places: FloatArray, edge: float
+    mesh: ControlMesh, target: Target, places: FloatArray, edge: float, rims: bool = False
 ) -> ControlMesh:
     """Edges of about `edge` [m] around `places` (k, 3): drawn together, or where that is not
-    enough, by more vertices. Vertices stay on `target`.
+    enough, by more vertices; also on the boundary if `rims`. Vertices stay on `target`.
     """
     if not len(places):
         return mesh
@@ -31,7 +31,7 @@ def with_small_triangles(
     usual = np.array([_usual_edge(mesh, mesh.vertices, centre) for centre in centres])
     if np.all(edge >= SMALLEST_SHARE * usual):
         return drawn_together(mesh, target, places, edge)
-    return refined(mesh, target, places, edge)
+    return refined(mesh, target, places, edge, rims)
 
 
 def drawn_together(

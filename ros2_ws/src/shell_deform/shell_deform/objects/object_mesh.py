@@ -7,7 +7,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ..surface.control_mesh import ControlMesh, control_mesh
-from ..surface.fit import FitReport, Target, fit_limit_surface, fit_report, interpolating
+from ..surface.fit import (
+    MOST_THIN,
+    STEADY,
+    FitReport,
+    Target,
+    fit_limit_surface,
+    fit_report,
+    interpolating,
+    raised,
+    thin_share,
+)
 from ..surface.outer_ring import with_outer_ring
 from .drawn import with_small_triangles
 from .file_mesh import LimitTarget, control_file, read_triangles
@@ -82,9 +92,17 @@ def object_mesh(
         return found if found.is_closed else _ringed(found, LimitTarget(found))
     target = middle_surface(shell)
     radius = _smallest_contact(shell, target, refine_radius)
-    mesh, left = _graded(shell, target, count, places, radius)
-    mesh = with_small_triangles(mesh, target, left, EDGES_PER_RADIUS * radius)
-    return _ringed(interpolating(mesh), target)
+    even, left = _graded(shell, target, count, places, radius)
+    edge = EDGES_PER_RADIUS * radius
+    mesh = with_small_triangles(even, target, left, edge)
+    fitted = _ringed(interpolating(mesh), target)
+    if thin_share(fitted) <= MOST_THIN:
+        return fitted
+    # Large triangles beside small ones have slid into slivers: once more along the normals alone.
+    mesh = with_small_triangles(even, target, left, edge, rims=True)
+    ringed = with_outer_ring(raised(mesh, target))
+    steady = fit_limit_surface(ringed, target, 2 * FIT_STEPS, STEADY)
+    return min(fitted, steady, key=thin_share)
 
 
 def _ringed(mesh: ControlMesh, target: Target) -> ControlMesh:

@@ -28,11 +28,14 @@ def wanted_edge(distance: FloatArray, edge: float) -> FloatArray:
     return edge + GROWTH * np.maximum(0.0, distance - 2.0 * edge)
 
 
-def refined(mesh: ControlMesh, target: Target, places: FloatArray, edge: float) -> ControlMesh:
+def refined(
+    mesh: ControlMesh, target: Target, places: FloatArray, edge: float, rims: bool = False
+) -> ControlMesh:
     """The mesh with edges of about `edge` [m] around `places` (k, 3), vertices on `target`.
 
     Long edges are halved, edges flipped towards six neighbours, vertices moved within the surface;
-    far from the places nothing changes. Vertices on the boundary, on creases and at corners stay.
+    far from the places nothing changes. Vertices on the boundary, on creases and at corners stay;
+    if `rims`, there will be more of them on the boundary.
     """
     centres, _ = target.project(places)
     firm = np.unique(
@@ -54,8 +57,14 @@ def refined(mesh: ControlMesh, target: Target, places: FloatArray, edge: float) 
     touched = size(points) < 0.95 * usual[tree.query(points, k=6)[1]].mean(axis=1)
     for _ in range(ROUNDS):
         count = len(points)
-        points, faces = split_long(points, faces, lambda at: LONGEST * size(at), len(firm))
+        points, faces = split_long(points, faces, lambda at: LONGEST * size(at), len(firm), rims)
         touched = np.concatenate([touched, np.ones(len(points) - count, dtype=bool)])
+        if rims:
+            edges, beside, _ = edge_table(faces)
+            rim = np.unique(edges[beside[:, 1] < 0])
+            touched[rim] = False
+            fresh = rim[rim >= count]
+            points[fresh], _ = target.outline(points[fresh])
         for _ in range(3):
             faces = flipped(points, faces, len(firm))
         points = _relaxed(points, faces, target, size(points), touched, len(firm))

@@ -185,17 +185,19 @@ def split_long(
     faces: IntArray,
     longest: Callable[[FloatArray], FloatArray | float],
     fixed: int = 0,
+    rims: bool = False,
 ) -> tuple[FloatArray, IntArray]:
     """Halve edges that are too long, the longest first, at most one per triangle at a time.
 
     `longest` tells how long an edge with its middle at (e, 3) may be. New vertices come last;
-    edges between two of the first `fixed` vertices stay.
+    edges between two of the first `fixed` vertices stay, but those of the boundary if `rims`.
     """
     for _ in range(8):
         edges, triangles, _ = edge_table(faces)
         middles = points[edges].mean(axis=1)
         length = _lengths(points, edges) / longest(middles)
-        wanted = np.flatnonzero((length > 1.0) & (edges.max(axis=1) >= fixed))
+        free = (edges.max(axis=1) >= fixed) | (rims & (triangles[:, 1] < 0))
+        wanted = np.flatnonzero((length > 1.0) & free)
         if len(wanted) == 0:
             break
         order = wanted[np.argsort(-length[wanted], kind='stable')]

@@ -32,6 +32,7 @@ from shell_deform.live.background.solving import LiveSolver
 from shell_deform.live.exchange import Layout, SharedMemory, create
 from shell_deform.model import ShellModel
 from shell_deform.objects import ObjectError, load_object
+from shell_deform.readout import mesh_warning
 from shell_deform.theory import AUTO, KOITER, THICK
 
 WAITING_BEAT_S = 0.1
@@ -208,6 +209,7 @@ def main() -> int:
         'outer': layout.outer,
         'theory': solver.model.theory,
         'reason': solver.model.reason,
+        'mesh_warning': mesh_warning(solver.model.shell.mesh) or '',
         'thickness': float(solver.model.shell.thickness.mean()),
         'grips': plan.names,
         'origins': plan.origins.tolist(),

@@ -79,6 +79,8 @@ class WorkerProcess:
         self.thickness = 0.0
         self.theory = self.theory_reason = ''
         """The one taken: `auto` is none; why it took that, empty where it was asked for."""
+        self.mesh_warning = ''
+        """What is wrong with the mesh, and the way out."""
         self.plan = GripPlan((), np.zeros((0, 3)), False)
         self._has_rest = False
         self._sequence = 0
@@ -141,6 +143,7 @@ class WorkerProcess:
         layout = Layout(hello['vertices'], hello['triangles'], hello['outer'], len(origins))
         self.memory = SharedMemory(descriptors[0], layout)
         self.theory, self.theory_reason = str(hello['theory']), str(hello['reason'])
+        self.mesh_warning = str(hello['mesh_warning'])
         self.thickness = float(hello['thickness'])
         return True
 

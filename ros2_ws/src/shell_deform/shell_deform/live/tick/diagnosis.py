@@ -67,6 +67,8 @@ def judge(condition: Condition) -> tuple[str, str]:
         return 'warn', f'the last load case is not carried: {adopted.message}'
     if estimator.hold is not None and (beyond := estimator.hold.law.beyond(estimator.hold.oldest)):
         return 'warn', beyond
+    if condition.link.worker.mesh_warning:
+        return 'warn', condition.link.worker.mesh_warning
     if condition.state is LiveState.SATURATED:
         return 'warn', 'a gauge is saturated'
     return 'ok', condition.state.value
@@ -79,6 +81,7 @@ def values(condition: Condition, now: float) -> dict[str, object]:
         'state': condition.state.value,
         'theory': link.worker.theory,
         'why this theory': link.worker.theory_reason,
+        'trouble of the mesh': link.worker.mesh_warning,
         'messages': figures.arrivals,
         'samples': figures.stamps.samples,
         'lost': 'unknown' if figures.losses.lost is None else figures.losses.lost,

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from bags.experiments import EXPERIMENTS
+from bags.stage import Setting
 from bags.surfaces import Surface
 from grasp_replay.experiment import read_experiment
 from grasp_replay.recording import read_recording
@@ -53,6 +54,11 @@ SAMPLES_PER_REFRESH = 10
 PARTS = 20
 NINETY = 1.645
 DENT = 0.1
+HEAD = (
+    '| recording | push [N] | depth [mm] | its error | dent, mean | all, RMS | largest '
+    '| shape, RMS | sigma, median / largest | in the 90 % band, all / dent |\n'
+    '|---|' + 9 * '---|'
+)
 PLACES, CONTACTS = 'places', 'contacts'
 """What of the contacts may be the solid's own: places alone, or travels and forces, too."""
 
@@ -209,30 +215,46 @@ def differences(name: str, wall: Wall = Wall(), true: str = '') -> list[Differen
     """
     playing = Playing(name, wall, true)
     live, setting = playing.live, playing.setting
-    scans = yaml.safe_load((BAGS / name / 'truth.yaml').read_text())['scans']
-    held = {one.stamp: row for one, row in zip(playing.rows.scans, scans, strict=True) if one.held}
     found = []
-    for stamp, row in sorted(held.items()):
+    for stamp, row in held_scans(name).items():
         served = playing.served(stamp, row)
         packed, points = outer_face(live, served, playing.shell.thickness_m)
         thick = live.memory.rest_outer is not None
-        depth = row['displacement_outer_m' if thick else 'displacement_middle_m']
-        place = pose_of(row['object_pose'])
-        turn = place.rotation @ setting.from_solution
-        face = setting.truth.surface(row['force_n']).moved(turn, place.translation)
-        distance, normal = along_normals(points, face)
-        found.append(
-            Difference(
-                row['force_n'],
-                depth,
-                float(np.mean(served.displacement)) - depth,
-                distance,
-                without_rigid(points, normal, distance),
-                packed[:, 7],
-                packed[:, 6] > DENT * packed[:, 6].max(),
-            )
-        )
+        depth = float(np.mean(served.displacement))
+        found.append(beside_solid(setting, row, packed, points, depth, thick))
     return found
+
+
+def beside_solid(
+    setting: Setting, row: dict, packed: Array, points: Array, depth: float, thick: bool
+) -> Difference:
+    """What is served at a held scan beside the solid of its truth `row`.
+
+    `packed` (n, fields), outer face `points` (n, 3), `depth` under the pins [m]: of the middle
+    surface, or of the outer face where the wall is `thick`.
+    """
+    true = row['displacement_outer_m' if thick else 'displacement_middle_m']
+    place = pose_of(row['object_pose'])
+    turn = place.rotation @ setting.from_solution
+    face = setting.truth.surface(row['force_n']).moved(turn, place.translation)
+    distance, normal = along_normals(points, face)
+    return Difference(
+        row['force_n'],
+        true,
+        depth - true,
+        distance,
+        without_rigid(points, normal, distance),
+        packed[:, 7],
+        packed[:, 6] > DENT * packed[:, 6].max(),
+    )
+
+
+def held_scans(name: str) -> dict[int, dict]:
+    """Truth of the held scans of a recording by their stamps [ns], in their order."""
+    truth = yaml.safe_load((BAGS / name / 'truth.yaml').read_text())['scans']
+    scans = read_experiment(BAGS / name).scans
+    held = {one.stamp: row for one, row in zip(scans, truth, strict=True) if one.held}
+    return dict(sorted(held.items()))
 
 
 def shown(found: Difference) -> str:
@@ -284,11 +306,7 @@ def main() -> int:
     unknown = sorted(set(wanted) - set(names))
     if unknown:
         parser.error(f'no recording {", ".join(unknown)}; there are {", ".join(names)}')
-    print(
-        '| recording | push [N] | depth [mm] | its error | dent, mean | all, RMS | largest '
-        '| shape, RMS | sigma, median / largest | in the 90 % band, all / dent |\n'
-        '|---|' + 9 * '---|'
-    )
+    print(HEAD)
     covered = []
     wall = Wall(
         options.theory,

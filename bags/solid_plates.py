@@ -2,24 +2,33 @@
 """A hollow sphere between two rigid plates as a solid with contact, kept as a small file.
 
 The oracle of the rigid pads of `shell_deform`: it shares no code and no theory with them.
-`python -m bags.solid_plates` solves it anew (needs ccx, about a minute).
+`python -m bags.solid_plates` solves it anew (needs ccx, about a minute). With `--balls` nothing is
+kept: the mission's ball between two small ones of steel, as a solid and by both walls of ours.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from bags import calculix
+from shell_deform.building import build_model, object_contacts
+from shell_deform.objects import ShellObject
+from shell_deform.objects.shell_object import Contact, Sphere
+from shell_deform.solve.equilibrium import displaced
+from shell_deform.solve.newton import EquilibriumSolver
 
 KEPT = (
     Path(__file__).parents[1]
     / 'ros2_ws/src/shell_deform/shell_deform/verification/solid_plates.json'
 )
 PLATE_ELEMENTS = 40
+# How far around a small ball its face goes [rad].
+WIDEST = 1.2
 # CalculiX turns axisymmetric elements into a wedge of two degrees and prints the forces on it.
 WEDGES = 180
 # Contact stiffness over Young's modulus [1/mm]: less than 1e-3 mm of overclosure gets through.
@@ -32,7 +41,8 @@ STICK_STIFFNESS = 1e1
 class Squeezed:
     """The upper half of a hollow sphere (mm, MPa): middle radius, wall, material, mesh.
 
-    `rubber`: neo-Hookean instead of linear in the logarithm of the strain.
+    `rubber`: neo-Hookean instead of linear in the logarithm of the strain. `indenter`: radius of
+    rigid balls in place of the plates; 0: plates.
     """
 
     radius: float = 50.0
@@ -43,6 +53,7 @@ class Squeezed:
     across: int = 2
     friction: float = 0.0
     rubber: bool = False
+    indenter: float = 0.0
 
 
 # The mission's ball as a solid, without its air.
@@ -74,8 +85,12 @@ def deck(ball: Squeezed, depths: np.ndarray) -> str:
     outer = [k + 1 for k in range(len(elements)) if k % ball.across == ball.across - 1]
     first, top = len(nodes) + 1, float(level[-1])
     for i in range(PLATE_ELEMENTS + 1):
-        x = 0.6 * ball.radius * i / PLATE_ELEMENTS
-        nodes[first + 2 * i], nodes[first + 2 * i + 1] = (x, top, 0.0), (x, top + 2.0, 0.0)
+        part, y = i / PLATE_ELEMENTS, top
+        x = 0.6 * ball.radius * part
+        if ball.indenter:
+            x = ball.indenter * float(np.sin(WIDEST * part))
+            y += ball.indenter * float(1.0 - np.cos(WIDEST * part))
+        nodes[first + 2 * i], nodes[first + 2 * i + 1] = (x, y, 0.0), (x, y + 2.0, 0.0)
     plate = np.array(
         [[first + 2 * i + c for c in (0, 2, 3, 1)] for i in range(PLATE_ELEMENTS)], dtype=np.int64
     )
@@ -148,8 +163,41 @@ def keep(ball: Squeezed, shares: list[float], path: Path) -> None:
     path.write_text(json.dumps(kept, indent=1) + '\n')
 
 
+def beside_balls(ball: Squeezed, shares: list[float]) -> None:
+    """Print force of the solid at these depths over the wall, and the error of both walls."""
+    depths = ball.thickness * np.array(shares)
+    outer = 1e-3 * (ball.radius + 0.5 * ball.thickness)
+    rim = 1e-3 * ball.indenter * np.sin(WIDEST)
+    pads = tuple(
+        Contact((0.0, 0.0, z), rim, 'pad', curvature_radius_m=1e-3 * ball.indenter)
+        for z in (outer, -outer)
+    )
+    shell = ShellObject(
+        'ball between balls', Sphere(2.0 * outer), 1e-3 * ball.thickness,
+        1e6 * ball.young_modulus, ball.poisson_ratio, contacts=pads,
+    )  # fmt: skip
+    print('| depth [mm] | ' + ' | '.join(f'{depth:g}' for depth in depths) + ' |')
+    print('|---|' + len(depths) * '---|')
+    forces = solve(ball, depths)
+    print('| solid [N] | ' + ' | '.join(f'{force:.4f}' for force in forces) + ' |')
+    for theory in ('thick', 'koiter'):
+        model = build_model(shell, theory, control_vertices=1000)
+        contacts = object_contacts(shell, model)
+        cases = [displaced(contacts, [depth, depth]) for depth in 1e-3 * depths]
+        states = EquilibriumSolver(model).sweep(cases)
+        errors = [100.0 * (s.force[0] / f - 1.0) for s, f in zip(states, forces, strict=False)]
+        print(f'| {theory} [%] | ' + ' | '.join(f'{error:+.1f}' for error in errors) + ' |')
+
+
 def main() -> None:
     """The thin sphere, then the mission's ball."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--balls', type=float, metavar='MM', help='radius of the small ones')
+    indenter = parser.parse_args().balls
+    if indenter:
+        small = replace(THICK, along=160, across=6, indenter=indenter)
+        beside_balls(small, [0.05, 0.1, 0.25, 0.5])
+        return
     keep(Squeezed(), [0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5], KEPT)
     keep(THICK, [0.1, 0.25, 0.5, 0.75, 1.0, 1.5], KEPT.with_name('solid_thick_plates.json'))
 

@@ -82,10 +82,36 @@ def opposite(mesh: Mesh, normals: Floats, touch: Touch) -> Touch | None:
     return through[-1] if through else None
 
 
+def pointed(mesh: Mesh, normals: Floats, origin: Floats, direction: Floats) -> Touch:
+    """Where a ray meets the rest surface first; beside the body, the place nearest to the ray.
+
+    So a pointer that leaves the outline takes its finger along it, whichever way it came there.
+    """
+    met = hits(mesh, normals, origin, direction)
+    if met:
+        return met[0]
+    along = direction / np.linalg.norm(direction)
+    starts, ends = mesh.triangles.ravel(), mesh.triangles[:, [1, 2, 0]].ravel()
+    away, edge = mesh.rest[starts] - origin, mesh.rest[ends] - mesh.rest[starts]
+    away -= np.outer(away @ along, along)
+    across = edge - np.outer(edge @ along, along)
+    length = np.einsum('ij,ij->i', across, across)
+    share = -np.einsum('ij,ij->i', away, across) / np.where(length > 0.0, length, 1.0)
+    share = np.clip(share, 0.0, 1.0)
+    k = int(np.linalg.norm(away + share[:, None] * across, axis=1).argmin())
+    outward = (1.0 - share[k]) * normals[starts[k]] + share[k] * normals[ends[k]]
+    return Touch(mesh.rest[starts[k]] + share[k] * edge[k], outward / np.linalg.norm(outward))
+
+
 def nearest(mesh: Mesh, normals: Floats, point: Floats) -> Touch:
-    """The vertex of the rest surface nearest to `point`."""
+    """The place of the rest surface nearest to `point`, along the normal of the nearest vertex."""
     k = int(np.linalg.norm(mesh.rest - point, axis=1).argmin())
-    return Touch(mesh.rest[k], normals[k])
+    size = float(np.ptp(mesh.rest, axis=0).max())
+    met = hits(mesh, normals, point + size * normals[k], -normals[k])
+    return min(
+        [*met, Touch(mesh.rest[k], normals[k])],
+        key=lambda touch: float(np.linalg.norm(touch.point - point)),
+    )
 
 
 def contacts_of(

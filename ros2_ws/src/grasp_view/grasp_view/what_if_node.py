@@ -26,10 +26,10 @@ from .what_if import (
     Finger,
     Touch,
     contacts_of,
-    hits,
     nearest,
     object_variant,
     opposite,
+    pointed,
     vertex_normals,
 )
 from .what_if_panel import FINGERS, WhatIfPanel, Wish
@@ -137,14 +137,7 @@ class WhatIf:
             self._pause, self._quiet_since = FIRST_PAUSE_S, time.monotonic()
             self._panel.say('')
             self._place()
-        while not self._panel.drags.empty():
-            drag = self._panel.drags.get()
-            if self._mesh is None or self._normals is None:
-                continue
-            found = hits(self._mesh, self._normals, drag.origin, drag.direction)
-            if found:
-                self._panel.release(drag.finger)
-                self._touches[drag.finger] = found[0]
+        self._follow_drags()
         self._panel.show(self.fingers)
         try:
             self._follow_wish()
@@ -152,6 +145,26 @@ class WhatIf:
         except (OSError, WhatIfError) as error:
             # A full disk, say: it is tried again.
             self._panel.say(f'{error}')
+
+    def _follow_drags(self) -> None:
+        """Put fingers where they were dragged to, and finger 2 opposite finger 1 where it is held.
+
+        Once it is not held there any more, it stays.
+        """
+        while not self._panel.drags.empty():
+            drag = self._panel.drags.get()
+            # Between two objects there are no fingers.
+            if self._touches and self._mesh is not None and self._normals is not None:
+                self._panel.release(drag.finger)
+                self._touches[drag.finger] = pointed(
+                    self._mesh, self._normals, drag.origin, drag.direction
+                )
+        if not self._panel.opposing or not self._touches:
+            return
+        assert self._mesh is not None and self._normals is not None
+        far = opposite(self._mesh, self._normals, self._touches[1])
+        if far is not None:
+            self._touches[2] = far
 
     def _place(self) -> None:
         """Fingers at the object's own contacts, else around its x axis; kept where they were."""
@@ -167,15 +180,9 @@ class WhatIf:
     @property
     def fingers(self) -> list[Finger]:
         """The fingers as they stand, those without force left out."""
-        if self._mesh is None or self._normals is None:
-            return []
-        touches = dict(self._touches)
-        if self._panel.opposing:
-            far = opposite(self._mesh, self._normals, touches[1])
-            touches[2] = far if far is not None else touches[2]
         return [
-            Finger(number, touches[number], self._panel.force(number))
-            for number in sorted(touches)
+            Finger(number, self._touches[number], self._panel.force(number))
+            for number in sorted(self._touches)
             if number < FINGERS or self._panel.force(number) > 0.0
         ]
 

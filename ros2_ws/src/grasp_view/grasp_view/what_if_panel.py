@@ -57,6 +57,8 @@ class WhatIfPanel:
         self._objects = objects
         self.drags: queue.SimpleQueue[Drag] = queue.SimpleQueue()
         self._handles: dict[int, viser.IcosphereHandle] = {}
+        self._shown: dict[int, Floats] = {}
+        self._grabs: dict[tuple[int, int], Floats] = {}
         gui = server.gui
         with gui.add_folder('What if'):
             self._object = gui.add_dropdown('Object', tuple(objects), initial_value=chosen)
@@ -121,6 +123,7 @@ class WhatIfPanel:
 
     def show(self, fingers: Sequence[Finger]) -> None:
         """Put the handles where the fingers are."""
+        self._shown = {finger.number: finger.touch.point for finger in fingers}
         for finger in fingers:
             place = (finger.touch.point + 1.4 * HANDLE_M * finger.touch.outward) * SCALE
             handle = self._handles.get(finger.number)
@@ -145,6 +148,14 @@ class WhatIfPanel:
         async def dragged(event: viser.SceneNodeDragEvent[viser.IcosphereHandle]) -> None:
             eye = np.asarray(event.client.camera.position) / SCALE
             pointer = np.asarray(event.end_position) / SCALE
-            self.drags.put(Drag(number, eye, pointer - eye))
+            # The ball stands off the surface: seen obliquely, far beside the place it touches.
+            # That place follows the pointer from where it was when the ball was taken.
+            key = number, event.client_id
+            if event.phase == 'start':
+                self._grabs[key] = self._shown.get(number, pointer) - pointer
+            grab = self._grabs.get(key, np.zeros(3))
+            if event.phase == 'end':
+                self._grabs.pop(key, None)
+            self.drags.put(Drag(number, eye, pointer + grab - eye))
 
         handle.on_drag(dragged)

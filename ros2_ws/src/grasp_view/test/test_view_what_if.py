@@ -23,6 +23,7 @@ from grasp_view.what_if import (
     nearest,
     object_variant,
     opposite,
+    pointed,
     vertex_normals,
 )
 
@@ -52,6 +53,41 @@ def test_a_ray_through_a_ball_meets_it_twice_nearest_first(towards: list[float])
 
 def test_a_ray_beside_the_body_meets_nothing() -> None:
     assert hits(MESH, NORMALS, np.array([0, 0, 2 * RADIUS]), np.array([1.0, 0, 0])) == []
+
+
+@settings(deadline=None)
+@given(directions, st.floats(0.0, 2.0), st.floats(0.0, 6.28))
+def test_a_pointer_takes_a_finger_to_what_it_is_over_or_to_the_outline_beside_it(
+    towards: list[float], off: float, turn: float
+) -> None:
+    ahead = -np.array(towards) / np.linalg.norm(towards)
+    eye = -5 * RADIUS * ahead
+    right = np.cross(ahead, np.eye(3)[np.abs(ahead).argmin()])
+    right /= np.linalg.norm(right)
+    beside = np.cos(turn) * right + np.sin(turn) * np.cross(ahead, right)
+    found = pointed(MESH, NORMALS, eye, off * RADIUS * beside - eye)
+    # Of all that the eye sees, nothing is nearer to the ray: never on the side turned away.
+    assert found.outward @ (eye - found.point) > -0.05 * RADIUS
+    ray = off * RADIUS * beside - eye
+    ray /= np.linalg.norm(ray)
+    seen = MESH.rest[np.einsum('ij,ij->i', NORMALS, eye - MESH.rest) > 0.0] - eye
+    away = np.linalg.norm(seen - np.outer(seen @ ray, ray), axis=1).min()
+    arm = found.point - eye
+    assert np.linalg.norm(arm - (arm @ ray) * ray) < away + 1e-6
+    # The way there does not matter: it follows the pointer's angle around the outline.
+    if off > 1.2:
+        assert found.point @ beside > 0.9 * RADIUS
+
+
+@settings(deadline=None)
+@given(directions)
+def test_a_finger_keeps_its_place_on_another_mesh_of_the_same_body(towards: list[float]) -> None:
+    """A mesh graded elsewhere is coarse here: its vertices are 4 mm apart."""
+    coarse = trimesh.creation.icosphere(subdivisions=2, radius=RADIUS)
+    mesh = Mesh(np.asarray(coarse.faces), np.asarray(coarse.vertices))
+    direction = np.array(towards) / np.linalg.norm(towards)
+    found = nearest(mesh, vertex_normals(mesh), RADIUS * direction)
+    assert np.allclose(found.point, RADIUS * direction, atol=0.02 * RADIUS)
 
 
 @settings(deadline=None)

@@ -35,6 +35,9 @@ STEEPENING = 4.0
 NARROWED = 1e-6
 """A margin of less than this share of a cone is taken away by one last step of Newton."""
 
+ROUGHLY = 3e-3
+"""Relative width of `nearly_needed`."""
+
 SMALLEST_SHARE = 1e-6
 """Less friction than this counts as none."""
 
@@ -90,6 +93,15 @@ def closure(grasp: GraspContacts, guess: float | None = None) -> Closure:
     return replace(found, squeeze=squeeze, by_point=by_point, by_normal=by_normal)
 
 
+def nearly_needed(grasp: GraspContacts, guess: float) -> float:
+    """`Closure.needed` of contacts that all press, to `ROUGHLY` of it; infinite if none would do.
+
+    `guess`: that of a similar grasp.
+    """
+    found = _narrowed(_frictional(grasp), guess, STEEPEST / grasp.friction.max(), ROUGHLY)
+    return np.inf if found is None else found[0]
+
+
 def _closure(grasp: GraspContacts, guess: float | None) -> Closure:
     """`closure` of contacts that all press."""
     why = why_open(grasp)
@@ -98,9 +110,7 @@ def _closure(grasp: GraspContacts, guess: float | None) -> Closure:
         return Closure(False, why, float(STEEPEST), np.zeros((0, FORCES)), nothing, nothing)
     if 'one place' in why:
         return Closure(False, why, float(STEEPEST), np.zeros((0, FORCES)), nothing, nothing)
-    size = size_of(grasp)
-    wrenches = contact_wrenches(grasp, grasp.point.mean(axis=0), size)
-    wrenches[:, :, 1:] *= grasp.friction[None, :, None]
+    size, wrenches = size_of(grasp), _frictional(grasp)
     steepest = float(STEEPEST / grasp.friction.max())
     found = _narrowed(wrenches, guess, steepest)
     if found is None:
@@ -117,8 +127,15 @@ def _closure(grasp: GraspContacts, guess: float | None) -> Closure:
     return Closure(not why, why, needed, forces, by_point, by_normal)
 
 
+def _frictional(grasp: GraspContacts) -> Array:
+    """(6, k, 4) wrenches of unit pushes and of the friction of unit pushes, lengths over size."""
+    wrenches = contact_wrenches(grasp, grasp.point.mean(axis=0), size_of(grasp))
+    wrenches[:, :, 1:] *= grasp.friction[None, :, None]
+    return wrenches
+
+
 def _narrowed(
-    wrenches: Array, guess: float | None, steepest: float
+    wrenches: Array, guess: float | None, steepest: float, narrow: float = NARROWED
 ) -> tuple[float, Array, Array, float] | None:
     """Least share of friction, squeeze (k, 4), multipliers (7,), slope; None where there is none.
 
@@ -141,8 +158,8 @@ def _narrowed(
         else:
             margin, squeeze, multipliers = found
             pushes = squeeze[:, 0]
-            slope = max(-float(multipliers[:6] @ wrenches[:, :, 0] @ pushes) / share, 1e-12)
-            if abs(margin) <= NARROWED * pushes.min():
+            slope = _slope(wrenches, squeeze, multipliers, share)
+            if abs(margin) <= narrow * pushes.min():
                 return share - margin / slope, squeeze, multipliers, slope
             if margin < 0.0:
                 if share >= steepest:
@@ -155,7 +172,7 @@ def _narrowed(
                 break
             steeper = 1.0 + margin / (slope * share)
             share = min(share / steeper, best[0]) if steeper > 0.0 else best[0]
-        if best[0] - low <= NARROWED * best[0]:
+        if best[0] - low <= narrow * best[0]:
             break
         between = 0.5 if found is None and lost else between
         lost = found is None
@@ -164,6 +181,11 @@ def _narrowed(
             between = between**2
         share = min(share, steepest)
     return best
+
+
+def _slope(wrenches: Array, squeeze: Array, multipliers: Array, share: float) -> float:
+    """Growth of the margin with the share of friction, by the multipliers of the optimum."""
+    return max(-float(multipliers[:6] @ wrenches[:, :, 0] @ squeeze[:, 0]) / share, 1e-12)
 
 
 def _squeezed(wrenches: Array, share: float) -> tuple[float, Array, Array] | None:

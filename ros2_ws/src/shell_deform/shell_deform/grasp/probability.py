@@ -4,23 +4,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import erf, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.grasp.closure import SMALLEST_SHARE, Closure, closure
+from shell_deform.grasp.closure import SMALLEST_SHARE, Closure, nearly_needed
 from shell_deform.grasp.contacts import GraspContacts, cross, size_of
 
 Array = NDArray[np.float64]
 
 LEAST_SIGMA = 1e-12
 
-CERTAIN = 4.0
-"""Sigmas between a grasp and the edge of closure beyond which nothing is looked at closer."""
-
-FARTHEST_LOOK = 2.5
-"""Sigmas from a grasp beyond which no other is looked at."""
+LEAST_GUESS = 0.2
+DRAWS = 64
+"""Grasps with other points and normals in which more than two contacts are looked at."""
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
 
@@ -41,105 +40,86 @@ class Sigmas:
 
 
 def closure_sigma(grasp: GraspContacts, found: Closure, sigmas: Sigmas) -> float:
-    """Sigma of `Closure.needed` [-].
+    """Sigma of `Closure.needed` [-], to first order.
 
     Where nothing is needed it has no slopes: any turn of a normal or of the lines between the
     contacts makes it grow by the angle over the friction.
     """
-    slopes = _Slopes.of(grasp, found, sigmas)
     if found.needed > SMALLEST_SHARE or not grasp.count:
-        return slopes.size
-    turn = sigmas.normal**2 + (sigmas.point / size_of(grasp)) ** 2
-    return float(np.sqrt(turn.mean())) / max(float(grasp.friction.min()), LEAST_SIGMA)
+        turn = found.by_normal
+        # A normal that turns about itself changes nothing.
+        turn = turn - np.einsum('ki,ki->k', turn, grasp.normal)[:, None] * grasp.normal
+        return float(
+            np.sqrt(
+                np.sum((found.by_point * sigmas.point[:, None]) ** 2)
+                + np.sum((turn * sigmas.normal[:, None]) ** 2)
+                + (found.needed * sigmas.friction) ** 2
+            )
+        )
+    turns = sigmas.normal**2 + (sigmas.point / size_of(grasp)) ** 2
+    return float(np.sqrt(turns.mean())) / max(float(grasp.friction.min()), LEAST_SIGMA)
 
 
 def closure_probability(grasp: GraspContacts, found: Closure, sigmas: Sigmas) -> float:
     """Probability that the grasp is force-closed [-].
 
     Two contacts close where both cones hold the line between them: two events that have points
-    and friction in common. With more contacts all cones tighten together: the probability is that
-    of the side of a plane, which touches the edge of closure where it is likeliest to be met
-    (first-order reliability, Hasofer & Lind, J. Eng. Mech. 100(1):111, 1974).
+    and friction in common. With more, what closure needs has kinks, and those of grasps that are
+    alike on all sides meet at the grasp itself: it is drawn. Of each draw of points and normals
+    the friction decides by its own distribution.
     """
     if not len(found.squeeze) or (found.why and found.needed < 1.0):
         return 0.0
-    pressing = grasp.pressing
-    if not pressing.all():
-        parts = (found.squeeze, found.by_point, found.by_normal)
-        squeeze, by_point, by_normal = (part[pressing] for part in parts)
-        grasp = grasp.chosen(pressing)
-        found = replace(found, squeeze=squeeze, by_point=by_point, by_normal=by_normal)
-        sigmas = Sigmas(sigmas.point[pressing], sigmas.normal[pressing], sigmas.friction)
+    grasp, sigmas = pressing_part(grasp, sigmas)
     if grasp.count == 2:
         return _of_two(grasp, sigmas)
-    far = (1.0 - found.needed) / max(closure_sigma(grasp, found, sigmas), LEAST_SIGMA)
-    slopes = _Slopes.of(grasp, found, sigmas)
-    if abs(far) < CERTAIN and slopes.size > 0.0:
-        far = _at_the_edge(grasp, slopes, sigmas, far)
-    return normal_share(far)
+    needed = [drawn_needed(grasp, sigmas, number, found.needed) for number in range(DRAWS)]
+    return share_closed(np.array(needed), sigmas.friction)
 
 
-@dataclass(frozen=True)
-class _Slopes:
-    """Change of `needed` by one sigma of each point (k, 3), normal (k, 3), and of the friction."""
-
-    point: Array
-    normal: Array
-    friction: float
-
-    @classmethod
-    def of(cls, grasp: GraspContacts, found: Closure, sigmas: Sigmas) -> _Slopes:
-        """Those of a grasp; a normal that turns about itself changes nothing."""
-        turn = found.by_normal
-        turn = turn - np.einsum('ki,ki->k', turn, grasp.normal)[:, None] * grasp.normal
-        return cls(
-            found.by_point * sigmas.point[:, None],
-            turn * sigmas.normal[:, None],
-            -found.needed * sigmas.friction,
-        )
-
-    def along(self, other: _Slopes) -> float:
-        """Their inner product."""
-        return float(
-            np.vdot(self.point, other.point)
-            + np.vdot(self.normal, other.normal)
-            + self.friction * other.friction
-        )
-
-    @property
-    def size(self) -> float:
-        """Their length."""
-        return float(np.sqrt(self.along(self)))
+def pressing_part(grasp: GraspContacts, sigmas: Sigmas) -> tuple[GraspContacts, Sigmas]:
+    """The contacts that press, and their sigmas."""
+    pressing = grasp.pressing
+    if pressing.all():
+        return grasp, sigmas
+    own = Sigmas(sigmas.point[pressing], sigmas.normal[pressing], sigmas.friction)
+    return grasp.chosen(pressing), own
 
 
-def _at_the_edge(grasp: GraspContacts, slopes: _Slopes, sigmas: Sigmas, far: float) -> float:
-    """Distance to the edge of closure in sigmas from a second look there, `far` by the first."""
-    steps = float(np.clip(far, -FARTHEST_LOOK, FARTHEST_LOOK)) / slopes.size
-    turn = steps * sigmas.normal[:, None] * slopes.normal
-    normal = grasp.normal + cross(turn, grasp.normal)
-    there = replace(
-        grasp,
-        point=grasp.point + steps * sigmas.point[:, None] * slopes.point,
-        normal=normal / np.linalg.norm(normal, axis=1)[:, None],
-        friction=grasp.friction * max(1.0 + steps * sigmas.friction * slopes.friction, 0.0),
-    )
-    found = closure(there, 1.0)
-    if not len(found.squeeze):
-        return far
-    own = _Slopes.of(there, found, sigmas)
-    needed = found.needed + _lengthened(there, found, sigmas)
-    return (steps * own.along(slopes) + 1.0 - needed) / max(own.size, LEAST_SIGMA)
+def drawn_needed(grasp: GraspContacts, sigmas: Sigmas, number: int, guess: float) -> float:
+    """`Closure.needed` of contacts that all press, with draw `number` of their errors.
 
-
-def _lengthened(grasp: GraspContacts, found: Closure, sigmas: Sigmas) -> float:
-    """What turns of the normals across the tangential force add to `needed` on average.
-
-    They can only widen an angle: by sigma^2 / (2 tan angle), of second order.
+    `guess`: that without errors.
     """
-    across = np.linalg.norm(found.squeeze[:, 1:], axis=1)
-    tangent = across / np.maximum(found.squeeze[:, 0], 1e-12)
-    widened = sigmas.normal**2 / (2.0 * np.maximum(tangent, sigmas.normal + LEAST_SIGMA))
-    return float(np.linalg.norm(found.by_normal, axis=1) @ widened)
+    unit = _units(grasp.count)[number]
+    turned = grasp.normal + cross(sigmas.normal[:, None] * unit[:, 3:], grasp.normal)
+    length = np.sqrt(np.einsum('ki,ki->k', turned, turned))
+    moved = replace(
+        grasp,
+        point=grasp.point + sigmas.point[:, None] * unit[:, :3],
+        normal=turned / length[:, None],
+    )
+    # From far below, where nothing balances, the search would begin with many failures.
+    return nearly_needed(moved, max(guess, LEAST_GUESS))
+
+
+def share_closed(needed: Array, friction: float) -> float:
+    """Share of draws (d,) closed by a friction with relative sigma `friction`."""
+    away = (1.0 - np.minimum(needed, 1.0 / LEAST_SIGMA)) / max(friction, LEAST_SIGMA)
+    return float(np.mean([normal_share(one) for one in away.tolist()]))
+
+
+@lru_cache(maxsize=8)
+def _units(count: int) -> Array:
+    """(d, k, 6) standard normal draws, always the same; mean 0 and covariance exactly 1.
+
+    In pairs of opposite sign, so that what is of first order in them cancels.
+    """
+    half = np.random.default_rng(count).normal(size=(max(DRAWS // 2, 6 * count), 6 * count))
+    values, vectors = np.linalg.eigh(half.T @ half / len(half))
+    half = half @ (vectors / np.sqrt(values)) @ vectors.T
+    half = half[: DRAWS // 2]
+    return np.concatenate([half, -half]).reshape(-1, count, 6)
 
 
 def _of_two(grasp: GraspContacts, sigmas: Sigmas) -> float:

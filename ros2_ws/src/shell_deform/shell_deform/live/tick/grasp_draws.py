@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How sure the closure of more than two fingers is, told a draw at a time.
+
+All draws of `grasp.probability` take as long as a hundred samples may: one is made every few
+samples, and each tells how far it is from the grasp without errors, which moves on meanwhile.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shell_deform.grasp.closure import Closure
+from shell_deform.grasp.contacts import GraspContacts
+from shell_deform.grasp.probability import (
+    DRAWS,
+    LEAST_SIGMA,
+    Sigmas,
+    closure_probability,
+    closure_sigma,
+    drawn_needed,
+    normal_share,
+    pressing_part,
+    share_closed,
+)
+
+EVERY = 3
+"""Samples of one draw."""
+
+
+class ClosureDraws:
+    """The probability of closure of one sample after the other."""
+
+    def __init__(self) -> None:
+        self._key: tuple[object, ...] = ()
+        self._state: object = None
+        self._away = np.zeros(DRAWS)
+        self._known = self._due = self._next = self._samples = 0
+        self._told: tuple[float, float] | None = None
+
+    def probability(
+        self, grasp: GraspContacts, found: Closure, sigmas: Sigmas, state: object, task: object
+    ) -> float:
+        """That of `grasp`, whose closure is `found`, at the equilibrium `state` for `task`.
+
+        To first order until there are draws of such fingers and such a task.
+        """
+        if not len(found.squeeze) or grasp.pressing.sum() == 2:
+            return closure_probability(grasp, found, sigmas)
+        key = (task, grasp.pressing.tobytes())
+        if key != self._key:
+            self._key, self._known, self._due = key, 0, DRAWS
+        if state is not self._state:
+            self._state, self._due = state, DRAWS
+        self._samples += 1
+        if self._due and self._samples % EVERY == 0:
+            own, sure = pressing_part(grasp, sigmas)
+            needed = drawn_needed(own, sure, self._next, found.needed)
+            self._away[self._next] = needed - found.needed
+            self._next, self._told = (self._next + 1) % DRAWS, None
+            self._due, self._known = self._due - 1, min(self._known + 1, DRAWS)
+        if self._known < DRAWS:
+            sigma = max(closure_sigma(grasp, found, sigmas), LEAST_SIGMA)
+            return normal_share((1.0 - found.needed) / sigma)
+        if self._told is None or self._told[0] != found.needed:
+            self._told = found.needed, share_closed(found.needed + self._away, sigmas.friction)
+        return self._told[1]

@@ -39,7 +39,9 @@ class Experiment:
     """What is known about a recording. `synthetic` is True unless the file denies it.
 
     `scans` is empty where no file says which there are. `finger_body`: what the fingers carried,
-    as `read_finger_bodies` takes it, empty for pins. `friction`: at them [-], None where unknown.
+    as `read_finger_bodies` takes it, empty for pins. `friction`, `friction_sigma`: at them [-],
+    None where unknown. `mass`: of the object [kg], 0 where unknown. `down`: the way it falls, in
+    the frame of the object.
     """
 
     name: str
@@ -53,6 +55,9 @@ class Experiment:
     caveats: tuple[str, ...] = ()
     finger_body: str = ''
     friction: float | None = None
+    friction_sigma: float | None = None
+    mass: float = 0.0
+    down: tuple[float, float, float] = (0.0, 0.0, -1.0)
 
     @property
     def object_file(self) -> str | None:
@@ -81,11 +86,6 @@ def read_experiment(bag: Path) -> Experiment:
     sigma = reader.number(scanner, 'noise_sigma_m', DEFAULT_SCANNER_SIGMA_M)
     if not 0.0 < sigma < 0.1:
         raise BagError(f'{path}: scanner.noise_sigma_m is {sigma}; it is in metres, above 0')
-    friction = None
-    if document.get('friction') is not None:
-        friction = float(reader.number(document, 'friction', 0.0))
-        if not 0.0 <= friction <= 10.0:
-            raise BagError(f'{path}: friction is {friction}; it lies between 0 and 10')
     return Experiment(
         name=str(document.get('name', folder.name)),
         object_name=None if document.get('object') is None else str(document['object']),
@@ -97,7 +97,10 @@ def read_experiment(bag: Path) -> Experiment:
         scans=tuple(reader.scan(entry, int(start)) for entry in document.get('scans') or ()),
         caveats=tuple(str(item) for item in document.get('caveats') or ()),
         finger_body=str(document.get('finger_body') or ''),
-        friction=friction,
+        friction=reader.within(document, 'friction', 10.0),
+        friction_sigma=reader.within(document, 'friction_sigma', 10.0),
+        mass=reader.within(document, 'mass_kg', 1000.0) or 0.0,
+        down=reader.direction(document, 'down', (0.0, 0.0, -1.0)),
     )
 
 
@@ -114,6 +117,29 @@ class _Reader:
         if not math.isfinite(value):
             raise BagError(f'{self.path}: {key} is {value}, not finite')
         return value
+
+    def within(self, table: dict[str, Any], key: str, most: float) -> float | None:
+        """A number from 0 to `most`, or None where there is none."""
+        if table.get(key) is None:
+            return None
+        value = float(self.number(table, key, 0.0))
+        if not 0.0 <= value <= most:
+            raise BagError(f'{self.path}: {key} is {value}; it lies between 0 and {most:g}')
+        return value
+
+    def direction(
+        self, table: dict[str, Any], key: str, otherwise: tuple[float, float, float]
+    ) -> tuple[float, float, float]:
+        """Three numbers that are not all zero."""
+        value = table.get(key)
+        if value is None:
+            return otherwise
+        if not isinstance(value, list) or len(value) != 3:
+            raise BagError(f'{self.path}: {key} is {value!r}, not x y z')
+        x, y, z = (float(self.number({key: one}, key, 0.0)) for one in value)
+        if not math.hypot(x, y, z) > 0.0:
+            raise BagError(f'{self.path}: {key} is {value}; a direction is not all zero')
+        return x, y, z
 
     def pose(self, table: dict[str, Any], where: str) -> tuple[float, ...] | None:
         value = table.get('object_pose')

@@ -60,6 +60,8 @@ def grasp_document(shell: TheorySet, row: Row, experiment: Experiment) -> dict[s
     carried bodies press with these, whatever carried the row's surface.
     """
     friction = FRICTION if experiment.friction is None else experiment.friction
+    sigma = experiment.friction_sigma
+    task = Task(experiment.mass, experiment.down, FRICTION_SIGMA if sigma is None else sigma)
     try:
         if experiment.finger_body:
             bodies = carried_bodies(experiment.finger_body)
@@ -68,7 +70,7 @@ def grasp_document(shell: TheorySet, row: Row, experiment: Experiment) -> dict[s
             held = _by_pins(shell, row)
         if isinstance(held, str):
             return {'failed': held}
-        told = _measured(shell, row, held, friction)
+        told = _measured(shell, row, held, friction, task)
         contacts = row.contacts
         if experiment.finger_body and contacts.cells:
             fingers = contacts.finger.tolist()
@@ -126,7 +128,9 @@ def _by_bodies(
     return Held(KOITER, model, tuple(patches), state)
 
 
-def _measured(shell: TheorySet, row: Row, held: Held, friction: float) -> dict[str, Any]:
+def _measured(
+    shell: TheorySet, row: Row, held: Held, friction: float, task: Task
+) -> dict[str, Any]:
     model, patches, state = held.model, held.patches, held.state
     count = len(patches)
     grasp = read_grasp(model, patches, state, friction)
@@ -155,11 +159,12 @@ def _measured(shell: TheorySet, row: Row, held: Held, friction: float) -> dict[s
         np.full(count, POINT_SIGMA),
         np.full(count, normal_sigma(model)),
     )
-    told = measure(grasp, known, Task(friction_sigma=FRICTION_SIGMA), doubt).to_json()
+    told = measure(grasp, known, task, doubt).to_json()
     return {
         'theory': held.theory,
         'friction_given': friction,
-        'friction_sigma_given': FRICTION_SIGMA,
+        'friction_sigma_given': task.friction_sigma,
+        'mass_given_kg': task.mass,
         **told,
         'largest_stress_pa': wall.stress,
         'largest_strain': wall.strain,

@@ -110,7 +110,7 @@ def _cells(row: Mapping[str, Any]) -> Markup:
                 needed,
                 'yes' if grasp['closed'] else f'no: {grasp["why"]}',
                 f'{grasp["closure_probability"]:.2f}',
-                f'{grasp["liftable_mass_kg"]:.3g}',
+                f'{grasp["liftable_mass_kg"]:.3g} ± {grasp["liftable_mass_sigma_kg"]:.2g}',
                 _newton(grasp['least_push_n']),
                 _newton(grasp['most_push_n']),
                 _limit(grasp),

@@ -30,6 +30,7 @@ def row(force: float, needed: float, **changes: object) -> dict[str, object]:
         'needed_friction_sigma': 0.02,
         'closure_probability': 0.9,
         'liftable_mass_kg': 1.2,
+        'liftable_mass_sigma_kg': 0.24,
         'least_push_n': 0.5,
         'most_push_n': 1e9,
         'limit': '',
@@ -78,7 +79,7 @@ def test_the_section_tells_what_is_closed_and_why_another_is_not() -> None:
     assert section.key == 'grasp'
     assert text.count('<td>yes</td>') == 2
     assert 'no: a balanced squeeze needs more friction than there is' in text
-    assert '0.350 ± 0.020' in text
+    assert '0.350 ± 0.020' in text and '1.2 ± 0.24' in text
     assert text.count('<svg') == 2
     assert str(grasp_sections(ROWS)[0].body) == text
 
@@ -107,13 +108,13 @@ def ball():
 
 
 def by_bodies(ball, body):
-    """What a row between two fingers of 8 N says, which carried `body`, at a friction of 0.4."""
+    """What a row between two fingers of 8 N says that carried `body`: mu 0.4, 0.2 kg to lift."""
     normal = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     held = HeldContacts(
         np.array([1, 2]), -0.031 * normal, normal, np.full(2, 8.0), np.full(2, 0.1),
         np.full(2, 7.5e-3), np.full(2, 1.5e-3), 5, False,
     )  # fmt: skip
-    experiment = Experiment('tips', None, Path('.'), finger_body=body, friction=0.4)
+    experiment = Experiment('tips', None, Path('.'), finger_body=body, friction=0.4, mass=0.2)
     told = grasp_document(ball, SimpleNamespace(contacts=held, force=8.0), experiment)
     json.dumps(told, allow_nan=False)
     return told
@@ -125,6 +126,8 @@ def test_fingers_that_carried_bodies_hold_by_the_pressure_of_these(ball):
     assert told['friction_given'] == 0.4
     assert [finger['push_n'] for finger in told['fingers']] == pytest.approx([8.0, 8.0], rel=1e-3)
     assert told['gravity_capacity_n'] == pytest.approx(2.0 * 0.4 * 8.0, rel=0.02)
+    least = 8.0 * 0.2 * 9.80665 / told['gravity_capacity_n']
+    assert told['least_push_n'] == pytest.approx(least, rel=1e-3)
     assert 0.0 < told['gravity_slip_n'] < 1.05 * told['gravity_capacity_n']
     assert 'no shell theory resolves' in told['stress_unresolved']
 

@@ -28,7 +28,7 @@ class GraspMeasures:
             window. liftable, mass: what the squeeze lifts, what it is to lift [kg].
         slip, slip_finger: weight [N] at which the first finger slips while all stand still, and
             which; none below zero. dent: push at which the wall begins to yield. resolved:
-            whether the stress behind it is.
+            whether the stress behind it is. liftable_sigma: [kg].
     """
 
     frame: str
@@ -50,6 +50,7 @@ class GraspMeasures:
     slip_finger: int = -1
     dent: float = 0.0
     resolved: bool = False
+    liftable_sigma: float = 0.0
 
 
 def colour_of(probability: float, palette: Palette = LIGHT) -> Colour:
@@ -90,7 +91,8 @@ def _css(colour: Colour) -> str:
 
 
 def _window_words(grasp: GraspMeasures) -> str:
-    lifts = f'squeeze {grasp.push:.1f} N lifts {_mass(grasp.liftable)}'
+    sure = f' ± {_mass(grasp.liftable_sigma)}' if grasp.liftable_sigma > 0.0 else ''
+    lifts = f'squeeze {grasp.push:.1f} N lifts {_mass(grasp.liftable)}{sure}'
     if grasp.mass < 0.0:
         return f'{lifts}; a mass below zero has no window'
     most = f'at most {grasp.most:.1f} N' if grasp.most < UNLIMITED_N else 'no known limit above'

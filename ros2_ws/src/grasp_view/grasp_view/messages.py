@@ -112,6 +112,7 @@ def read_grasp(message: PointCloud2) -> GraspMeasures:
         int(if_told('slip_finger', -1.0)),
         if_told('dent_push', 0.0),
         if_told('stress_resolved', 0.0) > 0.0,
+        if_told('liftable_mass_sigma', 0.0),
     )
 
 

@@ -48,6 +48,8 @@ def known_objects(chosen: str) -> dict[str, dict[str, Any]]:
     """The objects that `shell_objects` knows, and `chosen` (name or file), by name."""
     described: dict[str, dict[str, Any]] = {}
     for arguments in ([], [chosen]):
+        if chosen in described:
+            break
         done = subprocess.run(
             [executable('shell_deform', 'shell_objects'), *arguments, '--json'],
             capture_output=True,

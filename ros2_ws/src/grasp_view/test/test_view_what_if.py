@@ -139,11 +139,14 @@ def test_an_open_object_gets_no_pressure() -> None:
 def test_a_variant_of_every_shipped_object_is_an_object_file(tmp_path: Path) -> None:
     program = executable('shell_objects')
     listed = subprocess.run([program, '--json'], capture_output=True, check=True, timeout=600)
+    paths = []
     for described in json.loads(listed.stdout)['objects']:
-        path = tmp_path / f'{described["name"]}.yaml'
-        path.write_text(json.dumps(object_variant(described, 3e6, 0.0)))
-        read = subprocess.run(
-            [program, str(path), '--json'], capture_output=True, check=False, timeout=600
-        )
-        assert read.returncode == 0, read.stderr.decode()
-        assert json.loads(read.stdout)['objects'][0]['young_modulus_pa'] == 3e6
+        paths.append(tmp_path / f'{described["name"]}.yaml')
+        paths[-1].write_text(json.dumps(object_variant(described, 3e6, 0.0)))
+    read = subprocess.run(
+        [program, *map(str, paths), '--json'], capture_output=True, check=False, timeout=600
+    )
+    assert read.returncode == 0, read.stderr.decode()
+    told = json.loads(read.stdout)['objects']
+    assert [one['name'] for one in told] == [path.stem for path in paths]
+    assert all(one['young_modulus_pa'] == 3e6 for one in told)

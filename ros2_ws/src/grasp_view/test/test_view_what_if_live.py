@@ -5,14 +5,19 @@ from __future__ import annotations
 
 import io
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 from scipy import ndimage
 from sensor_msgs.msg import PointCloud2
+from tests.chromium import new_tab
+from tests.running import Running, own_domain, processes
 from view_browser import buttons, choose, displacement_mm, enter, picture
+from view_process import free_port, served
 
 from grasp_view.messages import read_contacts, read_grasp, read_surface
 
@@ -20,6 +25,55 @@ CONTACTS = (PointCloud2, '/what_if/hand/contacts')
 SURFACE = (PointCloud2, '/what_if/deformation/surface')
 GRASP = (PointCloud2, '/what_if/deformation/grasp')
 NONLINEAR = (PointCloud2, '/what_if/deformation/nonlinear')
+
+
+@pytest.fixture(scope='module')
+def domain() -> Iterator[int]:
+    """The module's ROS domain."""
+    with own_domain() as number:
+        yield number
+
+
+@pytest.fixture
+def domain_id(domain: int) -> int:
+    """Of every test here: that of the page."""
+    return domain
+
+
+@pytest.fixture(scope='module')
+def address(
+    domain: int, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[str, Running]]:
+    """The page with its solver, for all tests of the module; it takes longest to start."""
+    with processes(tmp_path_factory.mktemp('what_if')) as start:
+        port = free_port()
+        running = served(start, port, 'what_if:=true')
+        yield f'http://127.0.0.1:{port}', running
+        assert running.stop(signal.SIGINT) == 0, running.text
+        assert 'Traceback' not in running.text
+
+
+@pytest.fixture
+def running(address: tuple[str, Running]) -> Running:
+    """The page's process."""
+    return address[1]
+
+
+@pytest.fixture(scope='module')
+def only_tab(browser: Any, address: tuple[str, Running]) -> Iterator[Any]:
+    """The page in a tab that stays open."""
+    opened = new_tab(browser, 1280, 860)
+    opened.goto(address[0])
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def tab(only_tab: Any, tmp_path: Path) -> Iterator[Any]:
+    """That tab; a complaint in its console fails."""
+    yield only_tab
+    only_tab.screenshot(path=tmp_path / 'tab.png')
+    assert only_tab.complaints == []
 
 
 def largest_mm(message: PointCloud2 | None) -> float:
@@ -60,8 +114,7 @@ def test_an_unknown_object_is_one_sentence_and_exit_code_1(start, port: int) -> 
     assert 'teapot' in running.text and 'Traceback' not in running.text
 
 
-def test_the_placed_fingers_are_answered_by_the_real_solver(view, heard, wait_until) -> None:
-    running = view('what_if:=true')
+def test_the_placed_fingers_are_answered_by_the_real_solver(running, heard, wait_until) -> None:
     wait_until(lambda: largest_mm(heard(*SURFACE)) > 0.5, 110, lambda: running.text)
     wait_until(lambda: heard(*CONTACTS), 30)
     sent = read_contacts(heard(*CONTACTS))
@@ -69,16 +122,87 @@ def test_the_placed_fingers_are_answered_by_the_real_solver(view, heard, wait_un
     assert np.allclose(np.linalg.norm(sent.points, axis=1), 0.0325, atol=2e-4)
     # Two pins face to face: the page's cones and words of closure come from this.
     wait_until(lambda: heard(*GRASP) is not None and read_grasp(heard(*GRASP)).closed, 60)
-    assert running.stop(signal.SIGINT) == 0, running.text
+
+
+def handle(tab) -> np.ndarray:
+    """Pixel (x, y) of the blue ball that is finger 1: the largest blue thing that is round."""
+    tab.wait_for_timeout(150)
+    shot = Image.open(io.BytesIO(tab.screenshot())).convert('RGB')
+    red, _, blue = np.moveaxis(np.asarray(shot).astype(int)[:, 310:920], 2, 0)
+    parts, _ = ndimage.label((blue > 90) & (red < 90) & (blue - red > 70))
+    best, place = 100, np.full(2, np.nan)
+    for k, (rows, columns) in enumerate(ndimage.find_objects(parts), 1):
+        inside = np.argwhere(parts[rows, columns] == k)
+        high, wide = np.ptp(inside, axis=0) + 1
+        round_enough = 0.6 < high / wide < 1.7 and len(inside) > 0.6 * high * wide
+        if round_enough and len(inside) > best:
+            best = len(inside)
+            middle = inside.mean(axis=0)
+            place = np.array([columns.start + middle[1] + 310, rows.start + middle[0]])
+    return place
+
+
+def pull(tab, wait_until, across: int, down: int) -> None:
+    """Drag finger 1 over the picture by so many pixels, whatever the browser makes of the way."""
+    seen = [np.full(2, np.nan)]
+
+    def rests() -> bool:
+        seen.append(handle(tab))
+        return bool(np.linalg.norm(seen[-1] - seen[-2]) < 1.0)
+
+    wait_until(rests, 60, lambda: f'{seen[-5:]}')
+    start = seen[-1]
+    there = start + [across, down]
+    tab.mouse.move(*start)
+    tab.mouse.down()
+    tab.mouse.move(*(start + 0.2 * (there - start)))
+    tab.mouse.move(*there)
+    tab.mouse.up()
+    # The ball stands off the surface, so it turns a little about the place that was pulled.
+    wait_until(
+        lambda: np.linalg.norm(handle(tab) - there) < 30.0,
+        60,
+        lambda: f'at {handle(tab)}, pulled from {start} to {there}',
+    )
+
+
+@pytest.mark.chromium
+def test_a_finger_dragged_in_the_browser_takes_its_opposite_along_and_opens_the_grasp_without_it(
+    running, heard, tab, wait_until
+) -> None:
+    wait_until(lambda: np.isfinite(handle(tab)).all(), 110, lambda: running.text)
+
+    def fingers() -> np.ndarray:
+        """Where fingers 1 and 2 are now, (2, 3) m: behind the ten messages that may wait."""
+        for _ in range(11):
+            message = heard(*CONTACTS)
+        return np.zeros((2, 3)) if message is None else read_contacts(message).points[:2]
+
+    wait_until(lambda: np.allclose(fingers()[0], [0.0325, 0.0, 0.0], atol=1e-3), 60)
+    pull(tab, wait_until, -120, -40)
+    first, second = fingers()
+    assert np.linalg.norm(first - [0.0325, 0.0, 0.0]) > 0.01
+    assert np.allclose(second, -first, atol=5e-4)
+
+    # Alone it leaves the cones of 14 degrees about the line to finger 2, and comes back.
+    enter(tab, 'Friction', 0.25)
+    opposed = tab.get_by_label('Opposed', exact=True)
+    opposed.uncheck()
+    tab.get_by_text('closed', exact=True).wait_for()
+    pull(tab, wait_until, 90, 90)
+    tab.get_by_text('not closed', exact=True).wait_for()
+    tab.get_by_text('more friction than there is').wait_for()
+    assert np.allclose(fingers()[1], second, atol=1e-6)
+    pull(tab, wait_until, -90, -90)
+    tab.get_by_text('closed', exact=True).wait_for()
+    assert np.allclose(fingers()[0], first, atol=3e-3)
+    opposed.check()
 
 
 @pytest.mark.chromium
 def test_force_modulus_theory_and_pressure_change_the_dent_as_physics_says(
-    view, heard, open_tab, port: int, wait_until
+    running, heard, tab, wait_until
 ) -> None:
-    running = view('what_if:=true')
-    tab = open_tab(1280, 860)
-    tab.goto(f'http://127.0.0.1:{port}')
     wait_until(lambda: 'Screenshot' in buttons(tab), 60)
     choose(tab, 'Theory', 'koiter')
 
@@ -117,74 +241,3 @@ def test_force_modulus_theory_and_pressure_change_the_dent_as_physics_says(
 
     enter(tab, 'Pressure (kPa)', 50.0)
     assert dent(paper) < 0.6 * paper
-    assert 'Traceback' not in running.text
-
-
-def handle(tab) -> np.ndarray:
-    """Pixel (x, y) of the blue ball that is finger 1: the largest blue thing that is round."""
-    tab.wait_for_timeout(150)
-    shot = Image.open(io.BytesIO(tab.screenshot())).convert('RGB')
-    red, _, blue = np.moveaxis(np.asarray(shot).astype(int)[:, 310:920], 2, 0)
-    parts, _ = ndimage.label((blue > 90) & (red < 90) & (blue - red > 70))
-    best, place = 100, np.full(2, np.nan)
-    for k, (rows, columns) in enumerate(ndimage.find_objects(parts), 1):
-        inside = np.argwhere(parts[rows, columns] == k)
-        high, wide = np.ptp(inside, axis=0) + 1
-        round_enough = 0.6 < high / wide < 1.7 and len(inside) > 0.6 * high * wide
-        if round_enough and len(inside) > best:
-            best = len(inside)
-            middle = inside.mean(axis=0)
-            place = np.array([columns.start + middle[1] + 310, rows.start + middle[0]])
-    return place
-
-
-def pull(tab, wait_until, across: int, down: int) -> None:
-    """Drag finger 1 over the picture by so many pixels, whatever the browser makes of the way."""
-    start = handle(tab)
-    there = start + [across, down]
-    tab.mouse.move(*start)
-    tab.mouse.down()
-    tab.mouse.move(*(start + 0.2 * (there - start)))
-    tab.mouse.move(*there)
-    tab.mouse.up()
-    # The ball stands off the surface, so it turns a little about the place that was pulled.
-    wait_until(
-        lambda: np.linalg.norm(handle(tab) - there) < 30.0,
-        60,
-        lambda: f'at {handle(tab)}, pulled from {start} to {there}',
-    )
-
-
-@pytest.mark.chromium
-def test_a_finger_dragged_in_the_browser_takes_its_opposite_along_and_opens_the_grasp_without_it(
-    view, heard, open_tab, port: int, wait_until
-) -> None:
-    running = view('what_if:=true')
-    tab = open_tab(1280, 860)
-    tab.goto(f'http://127.0.0.1:{port}')
-    wait_until(lambda: np.isfinite(handle(tab)).all(), 110, lambda: running.text)
-
-    def fingers() -> np.ndarray:
-        """Where fingers 1 and 2 are, (2, 3) m."""
-        message = heard(*CONTACTS)
-        return np.zeros((2, 3)) if message is None else read_contacts(message).points[:2]
-
-    wait_until(lambda: np.allclose(fingers()[0], [0.0325, 0.0, 0.0], atol=1e-3), 60)
-    pull(tab, wait_until, -120, -40)
-    wait_until(lambda: np.linalg.norm(fingers()[0] - [0.0325, 0.0, 0.0]) > 0.01, 60)
-    first, second = fingers()
-    assert np.allclose(second, -first, atol=5e-4)
-
-    # Alone it leaves the cones of 14 degrees about the line to finger 2, and comes back.
-    enter(tab, 'Friction', 0.25)
-    opposed = tab.get_by_label('Opposed', exact=True)
-    opposed.uncheck()
-    tab.get_by_text('closed', exact=True).wait_for()
-    pull(tab, wait_until, 90, 90)
-    tab.get_by_text('not closed', exact=True).wait_for()
-    tab.get_by_text('more friction than there is').wait_for()
-    assert np.allclose(fingers()[1], second, atol=1e-6)
-    pull(tab, wait_until, -90, -90)
-    tab.get_by_text('closed', exact=True).wait_for()
-    assert np.allclose(fingers()[0], first, atol=3e-3)
-    assert 'Traceback' not in running.text

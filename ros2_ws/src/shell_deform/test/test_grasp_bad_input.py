@@ -25,11 +25,14 @@ POINT, INWARD = 0.03 * OUTWARD, -OUTWARD
 LINE = np.array([[0.0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]])
 
 
-def measured(point, normal, push=5.0, friction=0.5, arm=1.3e-3, mass=0.05):
+def measured(
+    point, normal, push=5.0, friction=0.5, arm=1.3e-3, mass=0.05, friction_sigma=0.1, sigmas=()
+):
     grasp = contacts(point, normal, push, friction, arm)
-    unseen, count = np.zeros(grasp.count), grasp.count
-    doubt = Doubt(unseen, unseen, np.full(count, 2e-4), np.full(count, 0.02))
-    told = measure(grasp, Held(np.zeros(3)), Task(mass=mass, friction_sigma=0.1), doubt)
+    known = {'push': 0.0, 'tangential': 0.0, 'point': 2e-4, 'normal': 0.02, **dict(sigmas)}
+    doubt = Doubt(**{name: np.full(grasp.count, value) for name, value in known.items()})
+    task = Task(mass=mass, friction_sigma=friction_sigma)
+    told = measure(grasp, Held(np.zeros(3)), task, doubt)
     json.dumps(told.to_json(), allow_nan=False)
     return told
 
@@ -101,6 +104,31 @@ def test_what_cannot_be_is_named(name, value, text):
     values = {'point': POINT[:2], 'normal': INWARD[:2], name: value}
     with pytest.raises(GraspError, match=f'{name}.*{text}|{text}'):
         measured(**values)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [
+        ('push', np.nan), ('push', -1.0), ('tangential', np.inf), ('point', -1e-3),
+        ('normal', np.nan), ('normal', np.inf),
+    ],
+)  # fmt: skip
+def test_a_sigma_that_is_none_is_named(name, value):
+    with pytest.raises(GraspError, match=f'sigma of a {name} is .* must be zero or more'):
+        measured(POINT[:2], INWARD[:2], sigmas={name: value})
+
+
+@pytest.mark.parametrize('value', [np.nan, -0.1, np.inf])
+def test_a_sigma_of_the_friction_that_is_none_is_named(value):
+    with pytest.raises(GraspError, match='sigma of the friction is .* must be zero or more'):
+        measured(POINT[:2], INWARD[:2], friction_sigma=value)
+
+
+@pytest.mark.parametrize('sigmas', [{'push': np.inf}, {'normal': 1e6}, {'point': 1e3}])
+def test_what_is_hardly_known_has_numbers(sigmas):
+    told = measured(POINT[:3], INWARD[:3], friction_sigma=1e3, sigmas=sigmas)
+    assert 0.0 <= told.closure_probability <= 1.0
+    assert np.all(told.per_finger.slip_sigma > 1e3)
 
 
 def test_fingers_inside_a_ring_close_by_pushing_apart():

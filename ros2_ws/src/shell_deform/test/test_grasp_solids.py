@@ -125,4 +125,4 @@ def _worst(solid, at, axis, request):
         signs * x * out + y * side, normal, np.einsum('ki,ki->k', force, normal),
         request.friction, UNIFORM_ARM * request.pin_radius, force,
     )  # fmt: skip
-    return force_capacities(grasp, DIRECTIONS, np.zeros(3)).min()
+    return force_capacities(grasp, DIRECTIONS, np.zeros(3))[0].min()

@@ -12,7 +12,7 @@ from shell_deform.grasp.capacity import load_capacity
 from shell_deform.grasp.contacts import UNIFORM_ARM, contacts
 from shell_deform.grasp.margins import margins
 from shell_deform.grasp.reading import body_loads, body_mass
-from shell_deform.grasp.slip import Sharing, first_slips
+from shell_deform.grasp.slip import MODEL_SHARE, Sharing, first_slips, slip_rates, slip_sigma
 from shell_deform.grasp.touching import read_grasp, read_response
 from shell_deform.objects import load_object
 from shell_deform.solve.equilibrium import displaced
@@ -43,6 +43,10 @@ def test_plates_push_with_their_normals_and_lift_twice_mu_n(plates):
     assert lifted == pytest.approx(2.0 * MU * grasp.push.mean(), rel=1e-3)
     told = margins(grasp, np.zeros(2), np.zeros(2), 0.0)
     assert told.soft_margin == pytest.approx(np.ones(2), abs=1e-3)
+    # Nothing pulls across; a normal that turns by its sigma has as much of the push across it.
+    sure = margins(grasp, np.zeros(2), np.zeros(2), 0.0, 0.02)
+    assert sure.tangential_sigma == pytest.approx(0.02 * grasp.push)
+    assert sure.slip_sigma == pytest.approx(0.02 * grasp.push)
 
 
 def test_the_arm_is_that_of_the_ring_and_so_is_the_torque_that_holds(plates):
@@ -99,6 +103,12 @@ def test_at_first_slip_one_contact_is_at_its_friction_and_the_others_are_below_i
         assert used[contact[0]] == pytest.approx(1.0, abs=1e-9)
         assert np.all(pushes > 0.0) and used.max() < 1.0 + 1e-9
         slipping[contact[0]] += 1
+        more = replace(grasp, friction=(1.0 + 1e-6) * grasp.friction)
+        growth = (first_slips(more, sharing, wrench[None])[0][0] - factor[0]) / 1e-6
+        rates = slip_rates(grasp, sharing, wrench[None])
+        sigma = slip_sigma(grasp, rates, factor, contact, 0.2)[0]
+        told = np.hypot(0.2 * growth, MODEL_SHARE * factor[0])
+        assert sigma == pytest.approx(told, rel=1e-3)
     assert slipping.min() > 20
 
 

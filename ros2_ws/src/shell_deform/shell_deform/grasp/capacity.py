@@ -59,6 +59,14 @@ class Capacity:
     bound: Array
 
 
+@dataclass(frozen=True)
+class Proofs:
+    """Of the capacities for d loads: virtual motions (d, 6) and pushes (d, k) [N] then."""
+
+    bounds: Array
+    pushes: Array
+
+
 def load_capacity(
     grasp: GraspContacts, wrench: Array, origin: Array, basis: Array | None = None
 ) -> Capacity:
@@ -87,12 +95,21 @@ def load_capacity(
     return Capacity(factor * largest / length, force, bound)
 
 
-def force_capacities(grasp: GraspContacts, directions: Array, origin: Array) -> Array:
-    """(d,) largest force [N] through `origin` that is carried along each direction (d, 3)."""
-    moments = np.zeros(3)
-    return np.array(
-        [load_capacity(grasp, np.concatenate([d, moments]), origin).factor for d in directions]
+def force_capacities(
+    grasp: GraspContacts, directions: Array, origin: Array
+) -> tuple[Array, Proofs]:
+    """(d,) largest force [N] through `origin` along each direction (d, 3), and the proofs."""
+    basis = contact_wrenches(grasp, origin, 1.0)
+    found = [load_capacity(grasp, load, origin, basis) for load in forces(directions)]
+    proofs = Proofs(
+        np.array([one.bound for one in found]), np.array([one.force[:, 0] for one in found])
     )
+    return np.array([one.factor for one in found]), proofs
+
+
+def forces(directions: Array) -> Array:
+    """(d, 6) unit wrenches along directions (d, 3)."""
+    return np.concatenate([directions, np.zeros_like(directions)], axis=1)
 
 
 def liftable_mass(grasp: GraspContacts, down: Array, origin: Array) -> float:
@@ -109,12 +126,40 @@ def bounds_of(grasp: GraspContacts, bounds: Array, wrenches: Array, basis: Array
     A motion that was the proof for nearly the same contacts gives nearly the same capacity: the
     difference is of second order. Infinite where a motion says nothing of its load.
     """
+    work, along, across = _works(grasp, bounds, wrenches, basis)
+    most = np.maximum(along + grasp.friction * across, 0.0) @ np.maximum(grasp.push, 0.0)
+    return np.where(work > 0.0, most / np.where(work > 0.0, work, 1.0), np.inf)
+
+
+def bounds_sigma(
+    grasp: GraspContacts,
+    found: Proofs,
+    wrenches: Array,
+    basis: Array,
+    push_sigma: Array,
+    friction_sigma: float,
+) -> Array:
+    """(d,) sigma of capacities with their proofs, `wrenches` and `basis` as in `bounds_of`.
+
+    From pushes (k,) [N] and a friction [-] that all contacts have in common: to first order the
+    motion stays the proof, and each contact gains what its own push gains by friction. Zero where
+    a motion says nothing of its load.
+    """
+    work, along, across = _works(grasp, found.bounds, wrenches, basis)
+    by_push = np.maximum(along + grasp.friction * across, 0.0)
+    by_friction = np.einsum('dk,dk->d', across, found.pushes)
+    sigma = np.hypot(friction_sigma * by_friction, np.sqrt(by_push**2 @ push_sigma**2))
+    return np.where(work > 0.0, sigma / np.where(work > 0.0, work, 1.0), 0.0)
+
+
+def _works(
+    grasp: GraspContacts, bounds: Array, wrenches: Array, basis: Array
+) -> tuple[Array, Array, Array]:
+    """What motions (d, 6) do: (d,) against the loads, (d, k) along and across unit forces."""
     work = -np.einsum('da,da->d', wrenches, bounds)
     by_contact = (bounds @ basis.reshape(6, -1)).reshape(len(bounds), -1, FORCES)
     across = np.sqrt(np.einsum('dkf,dkf->dk', by_contact[:, :, 1:], by_contact[:, :, 1:]))
-    most = np.maximum(by_contact[:, :, 0] + grasp.friction * across, 0.0)
-    most = most @ np.maximum(grasp.push, 0.0)
-    return np.where(work > 0.0, most / np.where(work > 0.0, work, 1.0), np.inf)
+    return work, by_contact[:, :, 0], across
 
 
 def epsilon(

@@ -21,12 +21,13 @@ from shell_deform.grasp.window import UNLIMITED
 
 SHOWN = 50
 COLUMNS = (
-    'number', 'worst_capacity_n', 'liftable_mass_kg', 'closed', 'closure_probability',
-    'needed_friction', 'needed_friction_sigma', 'epsilon_n', 'gravity_slip_n', 'worst_slip_n',
-    'push_n', 'depth_m', 'least_push_n', 'most_push_n', 'limit', 'snap_margin',
-    'smallest_stiffness_n_m', 'adversary_work_j', 'energy_j', 'squeeze_work_j', 'rigid_share',
-    'largest_stress_pa', 'stress_sigma_pa', 'stress_unresolved', 'largest_strain', 'dent_push_n',
-    'stable', 'contact_points',
+    'number', 'worst_capacity_n', 'worst_capacity_sigma_n', 'liftable_mass_kg',
+    'liftable_mass_sigma_kg', 'closed', 'closure_probability', 'needed_friction',
+    'needed_friction_sigma', 'epsilon_n', 'gravity_slip_n', 'gravity_slip_sigma_n',
+    'worst_slip_n', 'worst_slip_sigma_n', 'push_n', 'depth_m', 'least_push_n', 'most_push_n',
+    'limit', 'snap_margin', 'smallest_stiffness_n_m', 'adversary_work_j', 'energy_j',
+    'squeeze_work_j', 'rigid_share', 'largest_stress_pa', 'stress_sigma_pa',
+    'stress_unresolved', 'largest_strain', 'dent_push_n', 'stable', 'contact_points',
 )  # fmt: skip
 HEADINGS = {
     'number': 'grasp', 'worst_capacity_n': 'worst of 26 [N]', 'liftable_mass_kg': 'lifts [kg]',

@@ -23,12 +23,14 @@ class Margins:
         soft_margin: (k,) 1 - (T / mu N)^2 - (spin / mu N arm)^2 [-]: 1 where nothing is asked,
             0 at slip (Howe & Cutkosky, IJRR 15(6):531, 1996), never below -1.
         slip_sigma: (k,) of the slip margin [N].
+        tangential_sigma: (k,) of the tangential force [N].
     """
 
     needed_angle: Array
     slip_margin: Array
     soft_margin: Array
     slip_sigma: Array
+    tangential_sigma: Array
 
 
 LEAST_SOFT_MARGIN = -1.0
@@ -39,11 +41,12 @@ def margins(
     push_sigma: Array,
     tangential_sigma: Array,
     friction_sigma: float,
+    normal_sigma: Array | float = 0.0,
 ) -> Margins:
-    """Margins with sigmas; push and tangential sigma (k,) [N], friction sigma [-].
+    """Margins with sigmas of push and tangential force (k,) [N], friction [-], normals [rad].
 
-    A contact that does not press has no margin: its needed angle is 90 degrees, its soft margin
-    -1.
+    A normal that turns by its sigma has that share of the push across it. A contact that does not
+    press has no margin: its needed angle is 90 degrees, its soft margin -1.
     """
     push = np.maximum(grasp.push, 0.0)
     across = np.linalg.norm(grasp.tangential, axis=1)
@@ -53,14 +56,16 @@ def margins(
     # A point carries no torque about itself: what is asked of it there is of no account.
     turned = np.where(grasp.arm > 0.0, _share(np.abs(grasp.spin), limit * grasp.arm), 0.0) ** 2
     soft = np.maximum(1.0 - np.minimum(used + turned, 2.0), LEAST_SOFT_MARGIN)
+    of_tangential = np.hypot(tangential_sigma, push * normal_sigma)
     sigma = np.sqrt(
-        (grasp.friction * push_sigma) ** 2 + (push * friction_sigma) ** 2 + tangential_sigma**2
+        (grasp.friction * push_sigma) ** 2 + (push * friction_sigma) ** 2 + of_tangential**2
     )
     return Margins(
         needed_angle=angle,
         slip_margin=limit - across,
         soft_margin=np.where(push > 0.0, soft, LEAST_SOFT_MARGIN),
         slip_sigma=sigma,
+        tangential_sigma=of_tangential,
     )
 
 

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 NEVER = 1e9
 """Factor of a load that no contact feels."""
 
+MODEL_SHARE = 0.03
+"""Relative sigma of a first slip by the tangent, beside the full nonlinear solve."""
+
 
 @dataclass(frozen=True)
 class Sharing:
@@ -79,6 +82,10 @@ class SlipRates:
     across: Array
     square: Array
 
+    def along(self, loads: list[int]) -> SlipRates:
+        """Of some of the loads."""
+        return SlipRates(self.push[:, loads], self.across[:, :, loads], self.square[:, loads])
+
 
 def slip_rates(grasp: GraspContacts, sharing: Sharing, wrenches: Array) -> SlipRates:
     """Rates of wrenches (d, 6) at contacts of the friction and arms of `grasp`."""
@@ -119,6 +126,32 @@ def slips_along(
     least = factor[first, each]
     lost = grasp.push[first] + least * rates.push[first, each] <= 1e-9 * grasp.push.max()
     return least, np.where(least < NEVER, first, -1), lost
+
+
+def slip_sigma(
+    grasp: GraspContacts,
+    rates: SlipRates,
+    factor: Array,
+    contact: NDArray[np.int64],
+    friction_share: float,
+) -> Array:
+    """(d,) sigma of factors whose first contacts are `contact`; 0 where none slips.
+
+    `friction_share`: relative sigma of the friction that all contacts have in common. At slip
+    N^2 = |v|^2 with v over the friction, so ln of the friction moves the factor by
+    N^2 / (v v' - N N').
+    """
+    safe, arm = _scales(grasp)
+    along = np.arange(len(factor))
+    push_rate, across_rate = rates.push[contact, along], rates.across[contact, :, along]
+    spin = grasp.spin / arm
+    across = np.concatenate([grasp.tangential, spin[:, None]], axis=1) / safe[:, None]
+    across = across[contact] + factor[:, None] * across_rate
+    push = grasp.push[contact] + factor * push_rate
+    steepness = np.einsum('da,da->d', across, across_rate) - push * push_rate
+    growth = push**2 / np.where(steepness > 0.0, steepness, np.inf)
+    sigma = np.hypot(friction_share * growth, MODEL_SHARE * factor)
+    return np.where((contact >= 0) & (factor > 0.0), sigma, 0.0)
 
 
 def _scales(grasp: GraspContacts) -> tuple[Array, Array]:

@@ -13,7 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.grasp.capacity import DIRECTIONS, GRAVITY, bounds_of, load_capacity
+from shell_deform.grasp.capacity import (
+    DIRECTIONS,
+    GRAVITY,
+    Proofs,
+    bounds_of,
+    bounds_sigma,
+    load_capacity,
+)
 from shell_deform.grasp.closure import Closure, closure
 from shell_deform.grasp.cone import ConeError
 from shell_deform.grasp.contacts import (
@@ -24,10 +31,11 @@ from shell_deform.grasp.contacts import (
     contacts,
 )
 from shell_deform.grasp.margins import margins
-from shell_deform.grasp.probability import Sigmas, closure_probability, closure_sigma
-from shell_deform.grasp.slip import slips_along
+from shell_deform.grasp.probability import Sigmas, closure_sigma
+from shell_deform.grasp.slip import slip_sigma, slips_along
 from shell_deform.grasp.window import UNKNOWN, UNLIMITED, Limits, squeeze_window
 from shell_deform.live.tick.estimator import Estimator
+from shell_deform.live.tick.grasp_draws import ClosureDraws
 from shell_deform.live.tick.grasp_held import HeldGrasp, held_grasp
 
 Array = NDArray[np.float64]
@@ -37,7 +45,7 @@ WHOLE = -1
 
 FINGER_FIELDS = (
     'x', 'y', 'z', 'nx', 'ny', 'nz', 'push', 'tangential_modelled', 'needed_angle',
-    'slip_margin', 'slip_margin_sigma', 'soft_margin', 'spin_modelled',
+    'slip_margin', 'slip_margin_sigma', 'soft_margin', 'spin_modelled', 'tangential_sigma',
 )  # fmt: skip
 GRASP_ONLY = (
     'closed', 'closure_probability', 'needed_friction', 'needed_friction_sigma',
@@ -45,7 +53,8 @@ GRASP_ONLY = (
     'snap_margin', 'friction_given', 'friction_sigma_given', 'mass_given', 'on_deformed_normals',
     'gravity_slip', 'worst_slip', 'slip_finger', 'smallest_stiffness', 'adversary_work',
     'epsilon', 'epsilon_length', 'rigid_share', 'squeeze_energy', 'yield_share',
-    'yield_share_sigma', 'dent_push', 'strain_share', 'stress_resolved',
+    'yield_share_sigma', 'dent_push', 'strain_share', 'stress_resolved', 'gravity_slip_sigma',
+    'worst_slip_sigma', 'gravity_capacity_sigma', 'worst_capacity_sigma', 'liftable_mass_sigma',
 )  # fmt: skip
 GRASP_FIELDS = ('finger', *FINGER_FIELDS, *GRASP_ONLY)
 PLOTTED = ('needed_friction', 'closure_probability', 'liftable_mass', 'least_push')
@@ -108,8 +117,9 @@ class GraspTick:
         self._held: tuple[object, object, GraspTask, HeldGrasp] | None = None
         self._fingers: tuple[int, ...] = ()
         self._needed: float | None = None
-        self._closure: tuple[object, GraspTask, bytes, Closed] | None = None
-        self._bounds = np.zeros((1 + len(DIRECTIONS), 6))
+        self._closure: tuple[object, GraspTask, bytes, Closure, Sigmas, float] | None = None
+        self._draws = ClosureDraws()
+        self._proofs = _unproved(0)
         self._next = 0
 
     def rows(self, estimator: Estimator) -> NDArray[np.float32]:
@@ -125,12 +135,14 @@ class GraspTick:
         grasp, count = seen.grasp, seen.grasp.count
         if tuple(seen.finger.tolist()) != self._fingers:
             self._fingers, self._needed = tuple(seen.finger.tolist()), None
-            self._bounds[:] = 0.0
+            self._proofs = _unproved(count)
             self._held = None
         packed = np.zeros((count + 1, len(GRASP_FIELDS)), np.float32)
         pose = estimator.pose_in_use
         centre = pose.rotation @ estimator.rest.mean(axis=0) + pose.translation
-        own = margins(grasp, seen.push_sigma, seen.tangential_sigma, task.friction_sigma)
+        own = margins(
+            grasp, seen.push_sigma, seen.tangential_sigma, task.friction_sigma, task.normal_sigma
+        )
         packed[:count, 0] = seen.finger
         packed[:count, 1:4], packed[:count, 4:7] = grasp.point, grasp.normal
         packed[:count, 7] = grasp.push
@@ -138,6 +150,7 @@ class GraspTick:
         packed[:count, 9] = own.needed_angle
         packed[:count, 10], packed[:count, 11] = own.slip_margin, own.slip_sigma
         packed[:count, 12], packed[:count, 13] = own.soft_margin, grasp.spin
+        packed[:count, 14] = own.tangential_sigma
         packed[-1, 0] = WHOLE
         packed[-1, 1:4] = centre
         whole = self._whole(estimator, seen, centre)
@@ -150,11 +163,11 @@ class GraspTick:
         task, grasp = self.task, seen.grasp
         known = self._closed(estimator, seen)
         self.why = self.why or known.why
-        lifted, worst = self._capacities(grasp, centre)
+        (lifted, worst), (lifted_sigma, worst_sigma) = self._capacities(seen, centre)
         held = self._of_equilibrium(estimator, seen)
         push = float(grasp.push.mean()) if grasp.count else 0.0
         limits, doubt = Limits(), UNKNOWN
-        slips, slipping = (0.0, 0.0), -1
+        slips, slip_doubt, slipping = (0.0, 0.0), (0.0, 0.0), -1
         if held is not None and estimator.adopted is not None:
             # Stress and strain in proportion to the push since the equilibrium.
             grown = push / held.push if held.push > 0.0 else 0.0
@@ -166,7 +179,12 @@ class GraspTick:
             doubt = held.stress_doubt
             if held.rates is not None:
                 factor, contact, _ = slips_along(grasp, held.rates)
-                slips = float(factor[0]), float(factor[1:].min())
+                least = [0, 1 + int(factor[1:].argmin())]
+                slips = float(factor[0]), float(factor[least[1]])
+                relative = task.friction_sigma / max(task.friction, 1e-9)
+                both = held.rates.along(least)
+                doubts = slip_sigma(grasp, both, factor[least], contact[least], relative)
+                slip_doubt = float(doubts[0]), float(doubts[1])
                 slipping = int(seen.finger[contact[0]]) if contact[0] >= 0 else -1
         window = squeeze_window(push, lifted / GRAVITY, task.mass, limits)
         dent = push / limits.stress if limits.stress > 0.0 else UNLIMITED
@@ -180,7 +198,7 @@ class GraspTick:
             window.liftable, window.least, window.most, limits.snap_margin, task.friction,
             task.friction_sigma, task.mass, float(seen.deformed), *slips, float(slipping),
             *of_state, limits.stress, limits.stress * doubt, dent, limits.strain,
-            float(doubt < UNKNOWN),
+            float(doubt < UNKNOWN), *slip_doubt, lifted_sigma, worst_sigma, lifted_sigma / GRAVITY,
         )  # fmt: skip
 
     def _of_equilibrium(self, estimator: Estimator, seen: Seen) -> HeldGrasp | None:
@@ -206,53 +224,64 @@ class GraspTick:
         """Closure: a matter of points, normals and friction, which an equilibrium decides."""
         grasp, task = seen.grasp, self.task
         pressing = grasp.pressing.tobytes()
-        if seen.deformed and self._closure is not None:
-            adopted, of_task, pressed, known = self._closure
-            if adopted is estimator.adopted and of_task is task and pressed == pressing:
-                return known
-        found = closure(grasp, self._needed)
-        self._needed = found.needed if len(found.squeeze) else None
-        told, sigma = self._sure(grasp, found)
-        known = Closed(found.closed, found.why, found.needed_friction(grasp), sigma, told)
-        self._closure = estimator.adopted, task, pressing, known
-        return known
+        kept = self._closure
+        same = kept is not None and kept[0] is estimator.adopted and kept[1] is task
+        if kept is None or not (seen.deformed and same and kept[2] == pressing):
+            found = closure(grasp, self._needed)
+            self._needed = found.needed if len(found.squeeze) else None
+            kept = estimator.adopted, task, pressing, found, *self._sure(grasp, found)
+            self._closure = kept
+        found, sigmas, sigma = kept[3:]
+        sure = self._draws.probability(grasp, found, sigmas, estimator.adopted, task)
+        return Closed(found.closed, found.why, found.needed_friction(grasp), sigma, sure)
 
-    def _sure(self, grasp: GraspContacts, found: Closure) -> tuple[float, float]:
-        """Probability of closure, and the sigma of the friction that it needs."""
-        if not len(found.squeeze):
-            return 0.0, 0.0
+    def _sure(self, grasp: GraspContacts, found: Closure) -> tuple[Sigmas, float]:
+        """Sigmas of the contacts, and that of the friction that closure needs."""
         task = self.task
-        spread = np.full(grasp.count, task.normal_sigma)
-        relative = task.friction_sigma / max(task.friction, 1e-9)
-        sigmas = Sigmas(np.zeros(grasp.count), spread, relative)
-        own = Sigmas(np.zeros(grasp.count), spread, 0.0)
-        sigma = task.friction * closure_sigma(grasp, found, own)
-        return closure_probability(grasp, found, sigmas), sigma
+        spread, none = np.full(grasp.count, task.normal_sigma), np.zeros(grasp.count)
+        sigmas = Sigmas(none, spread, task.friction_sigma / max(task.friction, 1e-9))
+        if not len(found.squeeze):
+            return sigmas, 0.0
+        own = Sigmas(none, spread, 0.0)
+        return sigmas, task.friction * closure_sigma(grasp, found, own)
 
-    def _capacities(self, grasp: GraspContacts, centre: Array) -> tuple[float, float]:
-        """Weight that the squeeze carries, and the worst force of 26 directions [N].
+    def _capacities(self, seen: Seen, centre: Array) -> tuple[Array, Array]:
+        """Weight that the squeeze carries and the worst force of 26 directions [N]; sigmas.
 
         One of them is found anew at every sample, the weight every other time.
         """
+        grasp, proofs = seen.grasp, self._proofs
         if grasp.count < 2:
-            return 0.0, 0.0
+            return np.zeros(2), np.zeros(2)
         wrenches = np.zeros((1 + len(DIRECTIONS), 6))
         wrenches[0, :3], wrenches[1:, :3] = self.task.down, DIRECTIONS
         self._next += 1
         anew = [0 if self._next % 2 else 1 + (self._next // 2) % len(DIRECTIONS)]
-        unknown = ~np.any(self._bounds != 0.0, axis=1)
+        unknown = ~np.any(proofs.bounds != 0.0, axis=1)
         if unknown.any():
             anew = np.flatnonzero(unknown).tolist()
         try:
             basis = contact_wrenches(grasp, centre, 1.0)
             for number in anew:
-                self._bounds[number] = load_capacity(grasp, wrenches[number], centre, basis).bound
+                found = load_capacity(grasp, wrenches[number], centre, basis)
+                proofs.bounds[number], proofs.pushes[number] = found.bound, found.force[:, 0]
         except ConeError as error:
             self.why = self.why or str(error)
-            return 0.0, 0.0
-        most = bounds_of(grasp, self._bounds, wrenches, basis)
+            return np.zeros(2), np.zeros(2)
+        most = bounds_of(grasp, proofs.bounds, wrenches, basis)
         most = np.where(np.isfinite(most), most, 0.0)
-        return float(most[0]), float(most[1:].min())
+        told = [0, 1 + int(most[1:].argmin())]
+        sigma = bounds_sigma(
+            grasp, Proofs(proofs.bounds[told], proofs.pushes[told]), wrenches[told], basis,
+            seen.push_sigma, self.task.friction_sigma,
+        )  # fmt: skip
+        return most[told], sigma
+
+
+def _unproved(count: int) -> Proofs:
+    """Of as many contacts, before anything is known."""
+    loads = 1 + len(DIRECTIONS)
+    return Proofs(np.zeros((loads, 6)), np.zeros((loads, count)))
 
 
 def _nothing(task: GraspTask) -> Seen:

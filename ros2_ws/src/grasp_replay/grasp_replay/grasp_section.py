@@ -40,8 +40,8 @@ def grasp_sections(rows: Sequence[Mapping[str, Any]]) -> list[Section]:
         'with one sigma, over the mean push of the fingers; dotted: the friction that the table '
         'is for. Below it the grasp is closed.</figcaption></figure>'
         '<figure>{bars}<figcaption>Squeeze window of each row: from the least push that lifts '
-        'the object to the first limit of the wall, which rows beyond it take from the last one '
-        'that keeps it; the mark is the push of the row.'
+        'the object{mass} to the first limit of the wall, which rows beyond it take from the last '
+        'one that keeps it; the mark is the push of the row.'
         '</figcaption></figure>'
         '<div class="wide"><table id="grasp-rows"><caption>What the grasp of each row needs, '
         'lifts and bears.</caption><thead><tr>{head}</tr></thead>'
@@ -50,6 +50,7 @@ def grasp_sections(rows: Sequence[Mapping[str, Any]]) -> list[Section]:
         curve=Markup(svg(needed_friction(known))),
         bars=Markup(svg(windows(known))),
         theory=_theories(known),
+        mass=_mass(known),
         head=Markup(head),
         cells=Markup('').join(map(_cells, known)),
         note=str(known[0]['grasp']['note']).capitalize(),
@@ -95,6 +96,12 @@ def _theories(rows: Sequence[Mapping[str, Any]]) -> str:
     """Whose normals they are: those of a thin theory turn too far on a thick wall."""
     names = sorted({row['grasp']['theory'] for row in rows if 'theory' in row['grasp']})
     return f' of theory {" and ".join(names)}' if names else ''
+
+
+def _mass(rows: Sequence[Mapping[str, Any]]) -> str:
+    """What the object weighs, where that was told."""
+    mass = float(rows[0]['grasp'].get('mass_given_kg', 0.0))
+    return f' of {mass:.3g} kg' if mass > 0.0 else ', whose mass is not told,'
 
 
 def _cells(row: Mapping[str, Any]) -> Markup:

@@ -85,8 +85,9 @@ def test_the_section_tells_what_is_closed_and_why_another_is_not() -> None:
 
 
 def test_the_curve_says_whose_normals_it_is_of() -> None:
-    (section,) = grasp_sections([row(5.0, 0.3, theory='thick')])
+    (section,) = grasp_sections([row(5.0, 0.3, theory='thick', mass_given_kg=0.058)])
     assert 'on the deformed normals of theory thick' in str(section.body)
+    assert 'lifts the object of 0.058 kg to' in str(section.body)
 
 
 def test_rows_without_a_grasp_have_no_section_and_no_friction_is_no_point() -> None:

@@ -216,6 +216,13 @@ def test_an_unknown_object_is_refused_with_the_known_ones(tmp_path: Path) -> Non
         ('scanner: {noise_sigma_m: wide}', "is 'wide', not a number"),
         ('object_pose: [1, 2]', 'not x y z qx qy qz qw'),
         ('scans: [{kind: held}]', 'a scan without scan_stamp_ns'),
+        ('friction: 11', 'friction is 11.0; it lies between 0 and 10'),
+        ('friction_sigma: -0.1', 'friction_sigma is -0.1; it lies between 0'),
+        ('mass_kg: -1', 'mass_kg is -1.0; it lies between 0 and 1000'),
+        ('mass_kg: .nan', 'mass_kg is nan, not finite'),
+        ('mass_kg: heavy', "mass_kg is 'heavy', not a number"),
+        ('down: [0, 0, 0]', 'a direction is not all zero'),
+        ('down: below', "down is 'below', not x y z"),
     ],
 )
 def test_a_broken_description_is_one_sentence(tmp_path: Path, text: str, message: str) -> None:

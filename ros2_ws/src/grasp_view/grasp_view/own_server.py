@@ -26,6 +26,7 @@ from websockets.http11 import Response
 
 from .front_page import FrontPage
 from .incoming import Incoming
+from .loop_buffer import use_loop_buffers
 
 # A browser may leave between two lines of ours; what was for it then is nobody's loss.
 warnings.filterwarnings('ignore', message='Queued a .* on a closed connection')
@@ -43,6 +44,7 @@ class OwnServer(viser.ViserServer):
         Raises OSError where this machine does not have that address.
         """
         _check_address(host, port)
+        use_loop_buffers()
         incoming = Incoming()
         with _gated(front, incoming):
             super().__init__(host=host, port=port, verbose=False)

@@ -23,6 +23,7 @@ from websockets.datastructures import Headers
 
 from grasp_view import own_server, with_parent
 from grasp_view.front_page import FrontPage
+from grasp_view.loop_buffer import LoopEvent
 from grasp_view.own_server import OwnServer, refusal
 
 LOCAL = ('127.0.0.1', 8080)
@@ -216,3 +217,20 @@ def test_a_command_that_is_stopped_leaves_nothing(tmp_path):
     with_parent.stop(process)
     assert process.returncode is not None
     assert not Path(folder).exists()
+
+
+def test_a_thread_that_fills_what_is_to_be_sent_wakes_nobody_and_the_loop_does(served):
+    """Going through those that wait from another thread, viser ended the page now and then."""
+    event = LoopEvent()
+    assert type(served._websock_server.get_message_buffer().message_event) is LoopEvent
+
+    async def woken() -> bool:
+        waiting = asyncio.ensure_future(event.wait())
+        await asyncio.sleep(0)
+        loop = asyncio.get_running_loop()
+        await loop.run_in_executor(None, event.set)
+        assert event.is_set() and not waiting.done()
+        loop.call_soon_threadsafe(event.set)
+        return await asyncio.wait_for(waiting, 10.0)
+
+    assert asyncio.run(woken())

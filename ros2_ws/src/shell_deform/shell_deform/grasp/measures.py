@@ -22,7 +22,7 @@ from shell_deform.grasp.cone import ConeError
 from shell_deform.grasp.contacts import GraspContacts, GraspError, contact_wrenches
 from shell_deform.grasp.margins import Margins, margins
 from shell_deform.grasp.probability import Sigmas, closure_probability, closure_sigma
-from shell_deform.grasp.slip import Sharing, slip_rates, slip_sigma, slips_along
+from shell_deform.grasp.slip import Sharing, Slipping, slip_rates, slip_sigma, slips_along
 from shell_deform.grasp.stiffness import adversary_work, grasp_stiffness
 from shell_deform.grasp.window import UNLIMITED, Limits, SqueezeWindow, squeeze_window
 
@@ -174,6 +174,7 @@ class Held:
     Attributes:
         centre: (3,) where weight and pushes act [m]. sharing, compliance: see `reading.Response`,
             None where not known. energy: [J]. limits: how near the wall is to what it bears.
+        slipping: of contacts that are regions, None where they are pins or it is not known.
     """
 
     centre: Array
@@ -181,6 +182,7 @@ class Held:
     compliance: Array | None = None
     energy: float = 0.0
     limits: Limits = field(default_factory=Limits)
+    slipping: Slipping | None = None
 
 
 def measure(grasp: GraspContacts, held: Held, task: Task, doubt: Doubt) -> Measures:
@@ -210,7 +212,8 @@ def measure(grasp: GraspContacts, held: Held, task: Task, doubt: Doubt) -> Measu
     )
     length = task.length if task.length > 0.0 else _half_width(grasp)
     quality = epsilon(grasp, held.centre, length)[0] if found.closed else 0.0
-    slips, slip_doubt, slipping = _slips(grasp, held.sharing, directions, relative)
+    regions = grasp if held.slipping is None else held.slipping.of(grasp)
+    slips, slip_doubt, slipping = _slips(regions, held.sharing, directions, relative)
     first = 1 + int(np.argmin(slips[1:]))
     push = float(grasp.push.mean()) if grasp.count else 0.0
     worst = 1 + int(np.argmin(capacity[1:]))

@@ -8,7 +8,7 @@ reaches its friction cone slips. What is left until all of them do is the reserv
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,22 @@ class Sharing:
     push: Array
     tangential: Array
     spin: Array
+
+
+@dataclass(frozen=True)
+class Slipping:
+    """What k contacts have once all of each region slips one way.
+
+    Attributes:
+        share: (k,) of its present push that each keeps [-]. arm: (k,) mean arm then [m].
+    """
+
+    share: Array
+    arm: Array
+
+    def of(self, grasp: GraspContacts) -> GraspContacts:
+        """The contacts then, with the tangential forces that they have now."""
+        return replace(grasp, push=self.share * grasp.push, arm=self.arm)
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from shell_deform.grasp.reading import (
     outer_feet,
     unheld,
 )
-from shell_deform.grasp.slip import Sharing
+from shell_deform.grasp.slip import Sharing, Slipping
 from shell_deform.model import ShellModel
 from shell_deform.solve.borders import borders
 from shell_deform.solve.contact_step import touched_tangent
@@ -132,6 +132,35 @@ def read_response(
     padded = np.concatenate([loads, np.zeros((state.unknowns.size - len(loads), 6))])
     motion, border = solver.system(tangent, bordering).solve(padded)
     return touched_response(model, patches, state, grasp, Standing(centre, loads, motion, border))
+
+
+def slipping_contacts(
+    solver: EquilibriumSolver,
+    patches: tuple[ContactPatch, ...],
+    state: Equilibrium,
+    grasp: GraspContacts,
+) -> Slipping | None:
+    """What the contacts `grasp` of `state` have once all of a body's region slips one way.
+
+    Pressed in, a region rubs outward from its middle, which carries part of the push and holds
+    its pressure together. What slips across has no friction left for that: push and pressure are
+    those of bodies without friction in the same places. None for pins, and where those solve not.
+    """
+    bodies = [patch.body is not None and patch.body.friction > 0.0 for patch in patches]
+    if not any(bodies):
+        return None
+    free = tuple(
+        patch if patch.body is None else replace(patch, body=replace(patch.body, friction=0.0))
+        for patch in patches
+    )
+    start = replace(state, multipliers=np.zeros(0))
+    found = solver.solve(displaced(free, state.displacement), start)
+    if not found.converged:
+        return None
+    there = read_grasp(solver.model.on_contacts(free), free, found, friction=0.0)
+    safe = np.where(grasp.push > 0.0, grasp.push, 1.0)
+    share = np.where(bodies & (grasp.push > 0.0), there.push / safe, 1.0)
+    return Slipping(np.maximum(share, 0.0), np.where(bodies, there.arm, grasp.arm))
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,13 @@ directions = st.lists(st.floats(-1, 1), min_size=3, max_size=3).filter(
 )
 
 
-def test_normals_of_a_ball_point_outward() -> None:
-    assert np.allclose(NORMALS, MESH.rest / RADIUS, atol=0.02)
+def test_normals_of_a_ball_point_outward_however_it_is_meshed() -> None:
+    assert np.allclose(NORMALS, MESH.rest / RADIUS, atol=1e-9)
+    graded = trimesh.creation.icosphere(subdivisions=3, radius=RADIUS).subdivide([5, 6, 7, 300])
+    graded.vertices *= RADIUS / np.linalg.norm(graded.vertices, axis=1)[:, None]
+    hull = graded.convex_hull
+    mesh = Mesh(np.asarray(hull.faces), np.asarray(hull.vertices))
+    assert np.allclose(vertex_normals(mesh), mesh.rest / RADIUS, atol=1e-6)
 
 
 @settings(deadline=None)

@@ -20,6 +20,7 @@ from view_browser import buttons, choose, displacement_mm, enter, picture
 from view_process import free_port, served
 
 from grasp_view.messages import read_contacts, read_grasp, read_surface
+from grasp_view.palette import LIGHT
 
 CONTACTS = (PointCloud2, '/what_if/hand/contacts')
 SURFACE = (PointCloud2, '/what_if/deformation/surface')
@@ -125,14 +126,21 @@ def test_the_placed_fingers_are_answered_by_the_real_solver(running, heard, wait
 
 
 def handle(tab) -> np.ndarray:
-    """Pixel (x, y) of the blue ball that is finger 1: the largest blue thing that is round."""
+    """Pixel (x, y) of the ball that is finger 1: the largest blue thing that is round and lit.
+
+    The arrow of its force is as blue, and round where one looks along it, but has no shade.
+    """
     tab.wait_for_timeout(150)
     shot = Image.open(io.BytesIO(tab.screenshot())).convert('RGB')
-    red, _, blue = np.moveaxis(np.asarray(shot).astype(int)[:, 310:920], 2, 0)
+    picture = np.asarray(shot).astype(int)[:, 310:920]
+    flat = np.abs(picture - LIGHT.finger(1)).max(axis=2) < 4
+    red, _, blue = np.moveaxis(picture, 2, 0)
     parts, _ = ndimage.label((blue > 90) & (red < 90) & (blue - red > 70))
     best, place = 100, np.full(2, np.nan)
     for k, (rows, columns) in enumerate(ndimage.find_objects(parts), 1):
         inside = np.argwhere(parts[rows, columns] == k)
+        if flat[rows, columns][tuple(inside.T)].mean() > 0.5:
+            continue
         high, wide = np.ptp(inside, axis=0) + 1
         round_enough = 0.6 < high / wide < 1.7 and len(inside) > 0.6 * high * wide
         if round_enough and len(inside) > best:
@@ -154,6 +162,10 @@ def pull(tab, wait_until, across: int, down: int) -> None:
     start = seen[-1]
     there = start + [across, down]
     tab.mouse.move(*start)
+    cursor = "document.querySelector('canvas').style.cursor"
+    wait_until(
+        lambda: tab.evaluate(cursor) == 'pointer', 60, lambda: f'nothing to take at {start}'
+    )
     tab.mouse.down()
     tab.mouse.move(*(start + 0.2 * (there - start)))
     tab.mouse.move(*there)
@@ -197,6 +209,20 @@ def test_a_finger_dragged_in_the_browser_takes_its_opposite_along_and_opens_the_
     tab.get_by_text('closed', exact=True).wait_for()
     assert np.allclose(fingers()[0], first, atol=3e-3)
     opposed.check()
+
+
+@pytest.mark.chromium
+def test_another_object_is_touched_at_its_own_places(running, heard, tab, wait_until) -> None:
+    def away() -> float:
+        """Of the farthest finger from the middle [m]."""
+        message = heard(*CONTACTS)
+        points = np.zeros((1, 3)) if message is None else read_contacts(message).points
+        return float(np.linalg.norm(points, axis=1).max())
+
+    for name, least, most in (('half_soda_can', 0.0329, 0.08), ('tennis_ball', 0.0322, 0.0328)):
+        wait_until(lambda: 'Screenshot' in buttons(tab), 60)
+        choose(tab, 'Object', name)
+        wait_until(lambda low=least, high=most: low < away() < high, 60, lambda: running.text)
 
 
 @pytest.mark.chromium

@@ -74,6 +74,12 @@ def test_a_capacity_has_the_sigma_of_its_friction_and_of_its_pushes():
         assert told == pytest.approx(differences, rel=1e-3, abs=1e-6)
 
 
+def test_what_a_grasp_cannot_carry_is_nothing_and_no_round_off():
+    grasp = leaning_pins(0.3, 0.2)
+    found, _ = force_capacities(grasp, DIRECTIONS, MIDDLE)
+    assert found.min() == 0.0 and found.max() > 0.1
+
+
 def test_the_forces_balance_inside_their_cones():
     rng = np.random.default_rng(1)
     for _ in range(10):

@@ -33,6 +33,9 @@ DIRECTIONS = np.array(
 )
 """(26, 3) unit vectors to the faces, edges and corners of a cube."""
 
+LEAST_CARRIED = 1e-9
+"""Of the largest push: a load less than this is round-off."""
+
 LEAST_FRICTION = 1e-6
 """Less friction than this counts as none."""
 
@@ -90,6 +93,7 @@ def load_capacity(
         basis = contact_wrenches(grasp, origin, 1.0)
     basis = basis[:, chosen] / np.array([1.0, 1.0, 1.0, size, size, size])[:, None, None]
     factor, found, bound = _largest(basis, part, scaled / length, part.push / largest)
+    factor = factor if factor > LEAST_CARRIED else 0.0
     force[chosen] = found * largest
     bound = np.concatenate([bound[:3], bound[3:] / size]) / length
     return Capacity(factor * largest / length, force, bound)

@@ -17,10 +17,8 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
-from tests.first_use import take_compiled
+from tests.copies import SOURCES, copy_sources, take_compiled
 
-ROOT = Path(__file__).resolve().parent.parent
-SOURCES = ROOT / 'ros2_ws' / 'src'
 PACKAGES = sorted(path.parent.name for path in SOURCES.glob('*/setup.py'))
 
 
@@ -57,15 +55,8 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheels of all packages, built as pip builds them."""
     folder = tmp_path_factory.mktemp('wheels')
     sources = tmp_path_factory.mktemp('sources')
-    for package in PACKAGES:
-        # In a copy: setuptools leaves its build folder beside setup.py.
-        copy = ['git', '-C', str(SOURCES / package), 'ls-files', '-co', '--exclude-standard']
-        listed = subprocess.run(copy, capture_output=True, text=True, check=True).stdout
-        for name in listed.splitlines():
-            target = sources / package / name
-            target.parent.mkdir(parents=True, exist_ok=True)
-            if (SOURCES / package / name).exists():
-                target.write_bytes((SOURCES / package / name).read_bytes())
+    # In a copy: setuptools leaves its build folder beside setup.py.
+    copy_sources(sources)
     command = [
         sys.executable, '-m', 'pip', 'wheel', '--quiet', '--no-deps', '--no-index',
         '--no-build-isolation', '--wheel-dir', str(folder),

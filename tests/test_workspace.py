@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.copies import SOURCES, compile_two, copy_sources
 from tests.executables import EXECUTABLES
-from tests.first_use import compile_two
 
 ROOT = Path(__file__).resolve().parent.parent
 ALL = [(package, name) for package, names in EXECUTABLES.items() for name in names]
@@ -83,7 +83,9 @@ def colcon(*arguments):
 def install(tmp_path_factory):
     """The workspace built by colcon, as on a cell, but outside the source tree."""
     base = tmp_path_factory.mktemp('colcon')
-    build(base, ROOT / 'ros2_ws' / 'src')
+    copy_sources(base / 'src')
+    compile_two(base / 'src' / 'shell_deform' / 'shell_deform')
+    build(base, base / 'src')
     return base / 'install'
 
 
@@ -126,7 +128,7 @@ def test_the_first_use_of_the_colcon_install_finds_its_kernels_compiled(install)
 
 
 def test_the_first_use_of_a_symlinked_workspace_finds_its_kernels_compiled(tmp_path):
-    package = ROOT / 'ros2_ws' / 'src' / 'shell_deform'
+    package = SOURCES / 'shell_deform'
     unused = shutil.ignore_patterns('__pycache__', '*.egg-info')
     shutil.copytree(package, tmp_path / 'src' / 'shell_deform', ignore=unused)
     compile_two(tmp_path / 'src' / 'shell_deform' / 'shell_deform')
@@ -140,7 +142,7 @@ def test_the_first_use_of_a_symlinked_workspace_finds_its_kernels_compiled(tmp_p
 @pytest.mark.parametrize('package', ['grasp_common', 'grasp_view'])
 def test_colcon_test_finds_the_executables_of_the_built_workspace(install, package):
     base = install.parent
-    asked = ['--log-base', base / 'log', 'test', '--base-paths', ROOT / 'ros2_ws' / 'src']
+    asked = ['--log-base', base / 'log', 'test', '--base-paths', SOURCES]
     asked += ['--build-base', base / 'build', '--install-base', install]
     asked += ['--packages-select', package, '--return-code-on-test-failure']
     chosen = 'test_view_start' if package == 'grasp_view' else 'command_line or main_node'

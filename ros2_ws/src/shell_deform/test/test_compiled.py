@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.first_use import compile_two
+from tests.copies import compile_two
 
 import shell_deform
 from shell_deform.assemble import kernels

@@ -1,17 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels of copies of `shell_deform`: compiling all of them takes a minute of two cores."""
+"""Copies of our packages; to compile all kernels of one takes a minute of two cores."""
 
 from __future__ import annotations
 
 import re
 import shutil
+import subprocess
 from pathlib import Path
 
 import shell_deform
 from shell_deform.compiled.cache import REVISION
 
 PACKAGE = Path(shell_deform.__file__).parent
+SOURCES = Path(__file__).resolve().parent.parent / 'ros2_ws' / 'src'
 TWO = ('shell_deform.live.tick.serve_kernel', 'shell_deform.grasp.cone_kernel')
+
+
+def copy_sources(into: Path) -> None:
+    """Copy what belongs to our packages, and nothing that was built beside it."""
+    command = ['git', '-C', str(SOURCES), 'ls-files', '-co', '--exclude-standard']
+    listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    for name in listed.splitlines():
+        if (SOURCES / name).exists():
+            (into / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(SOURCES / name, into / name)
 
 
 def compile_two(copy: Path) -> tuple[str, ...]:

@@ -12,6 +12,8 @@ import pytest
 import yaml
 
 from grasp_replay.bag_reader import open_bag
+from grasp_replay.pipeline import PipelineOptions, run
+from grasp_replay.results import document
 from shell_deform.building import build_model, object_contacts
 from shell_deform.contact.body_file import load_body
 from shell_deform.contact.taxels import cell_forces
@@ -186,6 +188,19 @@ def test_a_shell_of_the_bottle_feels_what_its_solid_does() -> None:
         assert state.converged
         push = -np.array(solid['force_n']) @ kept['normal']
         assert state.force.mean() == pytest.approx(push, rel=0.05)
+
+
+@pytest.mark.soak
+def test_the_report_of_a_squeeze_presses_where_its_cells_felt_it() -> None:
+    (row,) = document(run(BAG, PipelineOptions()), [])['rows']
+    touch, theories = row['grasp']['touch'], row['theories']
+    assert touch['suspect'] == ''
+    assert [one['finger'] for one in touch['fingers']] == [1, 2]
+    for one in touch['fingers']:
+        assert sum(one['expected_cells_n']) == pytest.approx(row['force_n'], rel=0.02)
+    assert theories['koiter']['mean_error_m'] < 1.05 * row['noise_floor_m']
+    assert 'touch cells' in theories['thick']['message']
+    assert 'lies where its touch cells felt it' in row['notes'][0]
 
 
 def test_the_solid_holds_what_turns_until_friction_is_used_up() -> None:

@@ -170,9 +170,10 @@ class DeformationNode(Node):
         if carried != self._path.options:
             self._path = FingerPath(*carried)
             self._tactile.bodies, self._tactile.shapes = self._path.carried, carried[2]
-        # A mesh graded anew would know nothing of what friction remembers.
-        self._follower.active = bool(values['follow_contacts']) and not self._path.active
         self._patience = float(values['wait_for_take_up'])
+        # In lockstep the states of bodies do not depend on when a new mesh would be ready.
+        waits = self._path.active and self._patience > 0.0
+        self._follower.active = bool(values['follow_contacts']) and not waits
         self._grasp.task = parameters.grasp_task(values)
         self._learns = bool(values['estimate_modulus'])
         self._given_frame = str(values['frame'])
@@ -292,7 +293,7 @@ class DeformationNode(Node):
         deadline = time.monotonic() + self._patience
         if self._path.active:
             answered = self._post(estimator)
-            while not answered and time.monotonic() < deadline and not self.link.trouble:
+            while not answered and time.monotonic() < deadline and not self.link.is_lost:
                 time.sleep(WAIT_S)
                 answered = self._path.feed(self.link.worker)
             if self._adopt(estimator):
@@ -300,7 +301,7 @@ class DeformationNode(Node):
                 served = estimator.tick(sample)
             self._path.refuse(estimator.adopted)
             return served, new_result
-        while served.taking_up and time.monotonic() < deadline and not self.link.trouble:
+        while served.taking_up and time.monotonic() < deadline and not self.link.is_lost:
             self._post(estimator)
             while time.monotonic() < deadline and not self._adopt(estimator):
                 time.sleep(WAIT_S)
@@ -485,7 +486,7 @@ class DeformationNode(Node):
 
     def _follow_contacts(self, estimator: Estimator) -> None:
         """Have the mesh graded anew where fingers rest, and change to it once it answers."""
-        found = self._follower.follow(self.link, estimator, time.monotonic())
+        found = self._follower.follow(self.link, estimator, self._path, time.monotonic())
         if found is not None:
             self._change_mesh(*found)
 

@@ -20,6 +20,8 @@ import socket
 import sys
 import time
 
+import numpy as np
+
 from shell_deform.building import build_model
 from shell_deform.contact.finger_bodies import FingerBodies, read_finger_bodies
 from shell_deform.live.background.courtesy import Courtesy
@@ -60,12 +62,18 @@ def _model(options: dict[str, object], bodies: FingerBodies) -> ShellModel:
     count = options.get('control_vertices')
     # Of an object without contacts auto would not know that no pins press.
     thin = options.get('by_cells') and options['theory'] == AUTO
+    shell = bodies.on(load_object(str(options['object'])))
+    places = np.array(options.get('refine_at') or (), float).reshape(-1, 3)
+    radius = float(str(options.get('refine_radius') or 0.0)) or None
+    if len(places) and bodies.files and not options.get('by_cells'):
+        # What a body needs under it depends on how round the object is there, not on its radius.
+        shell, places = bodies.touching(shell, places), places[:0]
     return build_model(
-        bodies.on(load_object(str(options['object']))),
+        shell,
         theory=KOITER if thin else str(options['theory']),
         control_vertices=int(str(count)) if count else None,
-        refine_at=options.get('refine_at') or None,  # type: ignore[arg-type]
-        refine_radius=float(str(options.get('refine_radius') or 0.0)) or None,
+        refine_at=places if len(places) else None,
+        refine_radius=radius if len(places) else None,
     )
 
 

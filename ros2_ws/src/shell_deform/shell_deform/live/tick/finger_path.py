@@ -57,6 +57,15 @@ class FingerPath:
         """Hand on the next load case when the last one is answered; whether all are."""
         return not self.active or self._feed.feed(worker)
 
+    @property
+    def whole(self) -> bool:
+        """Whether a process that has built another mesh can be taken through the grasp."""
+        return self._feed.whole
+
+    def caught_up(self, candidate: WorkerProcess) -> bool:
+        """Take such a process along the way of the fingers; whether it has come where they are."""
+        return not self.active or self._feed.caught_up(candidate)
+
     def refuse(self, adopted: Adopted | None) -> None:
         """Raise SampleError where the background process could not take a finger up."""
         if self.active and adopted is not None and adopted.refused:

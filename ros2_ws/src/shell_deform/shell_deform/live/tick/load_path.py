@@ -11,6 +11,7 @@ same. What still waits when all have let go is given up: the next grasp does not
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,9 @@ TURNS_BACK = 0.3
 
 FORCE_STEP = 0.25
 """What a step is for a finger that is driven by its force [N]."""
+
+MOST_PASSED = 256
+"""Load cases of one grasp that are kept for a process that has to go through it again."""
 
 MOST_WAITING = 64
 """Load cases that wait; beyond, every second one is left out."""
@@ -140,41 +144,104 @@ def _along(pose: Pose, touch: np.ndarray) -> Array:
     return np.asarray(touch['along'] @ pose.rotation)
 
 
+@dataclass
+class _Reader:
+    """A process, the number of the load case it takes next, and of the newest one it was given."""
+
+    worker: WorkerProcess
+    number: int
+    asked: int = 0
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether it has answered all that it was given."""
+        return self.worker.answered >= self.asked
+
+
 class PathFeed:
-    """Hands the load cases of a path to the background process, each when the last is answered."""
+    """Hands the load cases of a path to the background process, each when the last is answered.
+
+    Those of the present grasp are kept: a process that replaces another one, or has built a mesh
+    for where the fingers rest, goes through them from the first: it remembers the same friction.
+    """
 
     def __init__(self, path: LoadPath) -> None:
         self.path = path
-        self._worker: WorkerProcess | None = None
-        self._asked = 0
-        self._last: np.ndarray | None = None
+        self.whole = True
+        """Whether the grasp is kept from its beginning."""
+        self._passed: list[np.ndarray] = []
+        self._first = 0
+        self._reader: _Reader | None = None
+        self._candidate: _Reader | None = None
 
     def clear(self) -> None:
         """Begin anew: time has jumped, or the object is another one."""
         self.path.clear()
-        self._last = None
+        self._forget()
 
     def feed(self, worker: WorkerProcess) -> bool:
         """Hand on what can be; whether every load case is answered."""
         if worker.memory is None:
             return False
-        if worker is not self._worker:
-            # A process that replaces another one has to be told what there is now.
-            self._worker, self._asked = worker, 0
-            if self._last is not None:
-                self._asked = worker.post(self._last)
-        if worker.answered < self._asked:
+        self._reader = reader = self._reader_of(worker)
+        if not reader.is_idle:
             return False
-        request = self.path.next()
-        if request is None:
-            return True
-        request[0]['hurried'] = self.path.waiting > 0
-        self._last = request
-        self._asked = worker.post(request)
+        if not self._left(reader):
+            request = self.path.next()
+            if request is None:
+                return True
+            self._keep(request)
+        self._ask(reader, self._left(reader) > 1 or self.path.waiting > 0)
+        return False
+
+    def caught_up(self, candidate: WorkerProcess) -> bool:
+        """Take a process beside the serving one along; whether it has answered the whole grasp."""
+        if candidate.memory is None:
+            return False
+        self._candidate = reader = self._reader_of(candidate)
+        if not reader.is_idle:
+            return False
+        if not self._left(reader):
+            return reader.asked > 0
+        self._ask(reader, self._left(reader) > 1)
         return False
 
     @property
     def behind(self) -> int:
         """Load cases that have no answer yet."""
-        open_one = self._worker is not None and self._worker.answered < self._asked
-        return self.path.waiting + int(open_one)
+        reader = self._reader
+        if reader is None:
+            return self.path.waiting
+        return self.path.waiting + self._left(reader) + int(not reader.is_idle)
+
+    def _reader_of(self, worker: WorkerProcess) -> _Reader:
+        for reader in (self._reader, self._candidate):
+            if reader is not None and reader.worker is worker:
+                return reader
+        return _Reader(worker, self._first)
+
+    def _left(self, reader: _Reader) -> int:
+        """How many load cases a process has not been given."""
+        reader.number = max(reader.number, self._first)
+        return self._first + len(self._passed) - reader.number
+
+    def _ask(self, reader: _Reader, hurried: bool) -> None:
+        request = self._passed[reader.number - self._first]
+        request[0]['hurried'] = hurried
+        reader.asked = reader.worker.post(request)
+        reader.number += 1
+
+    def _keep(self, request: np.ndarray) -> None:
+        if not request[0]['contacts']:
+            # Where all fingers have let go, nobody remembers how they had come there.
+            self._forget()
+        self._passed.append(request)
+        if len(self._passed) > MOST_PASSED:
+            del self._passed[0]
+            self._first += 1
+            self.whole = False
+
+    def _forget(self) -> None:
+        self._first += len(self._passed)
+        self._passed.clear()
+        self.whole = True

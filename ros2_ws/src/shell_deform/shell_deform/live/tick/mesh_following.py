@@ -11,12 +11,17 @@ from shell_deform.live.background.worker_link import WorkerLink
 from shell_deform.live.exchange import Slot
 from shell_deform.live.tick.adopted import Adopted
 from shell_deform.live.tick.estimator import Estimator
+from shell_deform.live.tick.finger_path import FingerPath
 from shell_deform.live.tick.first_touch import FirstTouch
 
 Array = NDArray[np.float64]
 
 COARSE = 0.005
 """A mesh whose stiffness under a contact is further off than this share is too coarse there."""
+
+COARSE_UNDER_BODIES = 0.03
+"""The same under rigid bodies, which press along a ring that grows: meshes graded for them have
+triangles of a quarter to a third of the bending length, 0.01 to 0.02 by the same measure."""
 
 REST_S = 0.25
 """So long the contacts stay in place before that is worth a new mesh [s]."""
@@ -41,18 +46,26 @@ class MeshFollower:
         self._places = self._built = np.zeros((0, 3))
 
     def follow(
-        self, link: WorkerLink, estimator: Estimator, now: float
+        self, link: WorkerLink, estimator: Estimator, path: FingerPath, now: float
     ) -> tuple[Slot, FirstTouch] | None:
         """Ask `link` for a new mesh, and say when it answers the contacts of `estimator`.
 
         Returns its first equilibrium and what answers first touches on it; `now` steady [s].
+        Fingers that carry bodies take it along their `path` first: friction has memory.
         """
+        if path.active and not path.whole:
+            # The grasp has lasted too long to be gone through again: it keeps its mesh.
+            link.drop_candidate()
+            self._rest = None
+            return None
         if link.tend_candidate():
             # It could not be built: the mesh stays as it is, with its error in sigma.
             self._rest = None
         candidate, sample = link.candidate, estimator.sample
         if candidate is not None and sample is not None:
             self._rest = candidate.handed_over() or self._rest
+            if not path.caught_up(candidate):
+                return None
             slot, adopted = candidate.newer_result(), estimator.adopted
             if slot is None or adopted is None or self._rest is None:
                 return None
@@ -68,8 +81,11 @@ class MeshFollower:
             return slot, first
         first_touch = estimator.first_touch
         if self.active and first_touch is not None and sample is not None and len(sample.finger):
-            radius = float(sample.radius.min())
-            places = self.look(estimator.adopted, radius, now)
+            radius, adopted = float(sample.radius.min()), estimator.adopted
+            if path.active and adopted is not None and not adopted.carries:
+                # One finger alone counts as a pin until another one joins.
+                return None
+            places = self.look(adopted, radius, now)
             if places is not None:
                 link.grade(places, radius, first_touch.curl)
         return None
@@ -79,7 +95,12 @@ class MeshFollower:
 
         `radius` [m]: smallest of the contacts.
         """
-        if adopted is None or not (adopted.coarseness > COARSE).any():
+        if (
+            adopted is None
+            or not (
+                adopted.coarseness > (COARSE_UNDER_BODIES if adopted.carries else COARSE)
+            ).any()
+        ):
             self._places = np.zeros((0, 3))
             return None
         places = adopted.places

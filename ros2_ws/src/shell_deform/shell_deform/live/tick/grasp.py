@@ -232,7 +232,7 @@ class GraspTick:
             kept = estimator.adopted, task, pressing, found, *self._sure(grasp, found)
             self._closure = kept
         found, sigmas, sigma = kept[3:]
-        sure = self._draws.probability(grasp, found, sigmas, estimator.adopted, task)
+        sure = self._draws.probability(grasp, found, sigmas, task)
         return Closed(found.closed, found.why, found.needed_friction(grasp), sigma, sure)
 
     def _sure(self, grasp: GraspContacts, found: Closure) -> tuple[Sigmas, float]:

@@ -32,15 +32,15 @@ class ClosureDraws:
 
     def __init__(self) -> None:
         self._key: tuple[object, ...] = ()
-        self._state: object = None
+        self._found: Closure | None = None
         self._away = np.zeros(DRAWS)
         self._known = self._due = self._next = self._samples = 0
-        self._told: tuple[float, float] | None = None
+        self._told: float | None = None
 
     def probability(
-        self, grasp: GraspContacts, found: Closure, sigmas: Sigmas, state: object, task: object
+        self, grasp: GraspContacts, found: Closure, sigmas: Sigmas, task: object
     ) -> float:
-        """That of `grasp`, whose closure is `found`, at the equilibrium `state` for `task`.
+        """That of `grasp` for `task`; `found` is its closure, another one where it has moved.
 
         To first order until there are draws of such fingers and such a task.
         """
@@ -48,19 +48,21 @@ class ClosureDraws:
             return closure_probability(grasp, found, sigmas)
         key = (task, grasp.pressing.tobytes())
         if key != self._key:
-            self._key, self._known, self._due = key, 0, DRAWS
-        if state is not self._state:
-            self._state, self._due = state, DRAWS
+            self._key, self._known, self._due, self._told = key, 0, DRAWS, None
+        if found is not self._found:
+            self._found, self._due, self._told = found, DRAWS, None
         self._samples += 1
         if self._due and self._samples % EVERY == 0:
             own, sure = pressing_part(grasp, sigmas)
             needed = drawn_needed(own, sure, self._next, found.needed)
             self._away[self._next] = needed - found.needed
-            self._next, self._told = (self._next + 1) % DRAWS, None
+            self._next = (self._next + 1) % DRAWS
             self._due, self._known = self._due - 1, min(self._known + 1, DRAWS)
-        if self._known < DRAWS:
-            sigma = max(closure_sigma(grasp, found, sigmas), LEAST_SIGMA)
-            return normal_share((1.0 - found.needed) / sigma)
-        if self._told is None or self._told[0] != found.needed:
-            self._told = found.needed, share_closed(found.needed + self._away, sigmas.friction)
-        return self._told[1]
+            self._told = None if self._known == DRAWS else self._told
+        if self._told is None:
+            if self._known < DRAWS:
+                sigma = max(closure_sigma(grasp, found, sigmas), LEAST_SIGMA)
+                self._told = normal_share((1.0 - found.needed) / sigma)
+            else:
+                self._told = share_closed(found.needed + self._away, sigmas.friction)
+        return self._told

@@ -4,7 +4,7 @@
 squeeze: the ball between two fingers, nonlinear beside linear, from our own solver (GIF).
 force: force over displacement of each theory beside the published rows.
 report, view, what_if: screenshots of the report, of the live page while the recorded ball is
-replayed (light, dark, on a tablet), and of fingers placed by hand; they need a
+replayed (light, dark, on a tablet, on a phone), and of fingers placed by hand; they need a
 Chromium, the first two the recording.
 """
 

@@ -27,7 +27,7 @@ class Aim:
     def __init__(self, visitors: Visitors) -> None:
         self._visitors = visitors
         self._middle: Floats | None = None
-        self._turned: set[int] = set()
+        self._turned: set[tuple[int, bool]] = set()
         self._view = VIEWS[0]
         self._pressed = False
 
@@ -47,11 +47,11 @@ class Aim:
         if self._middle is None or np.linalg.norm(middle - self._middle) > reach:
             self._middle = middle
             self._turned.clear()
-        for visitor in self._visitors:
-            if visitor.client.client_id not in self._turned:
-                self._turned.add(visitor.client.client_id)
-                self._point(visitor, reach, self._direction(snapshot))
-        self._turned &= {visitor.client.client_id for visitor in self._visitors}
+        # Anew when a phone is turned: the panels then leave another part of the picture.
+        now = {(seen.client.client_id, seen.window.phone): seen for seen in self._visitors}
+        for who in now.keys() - self._turned:
+            self._point(now[who], reach, self._direction(snapshot))
+        self._turned = set(now)
 
     def _direction(self, snapshot: Snapshot) -> Floats:
         """The unit vector from the object to the eye."""

@@ -2,18 +2,19 @@
 """Forces: an arrow beside each finger and its label, in every browser's own colours.
 
 Arrow and label stand beside the finger, never over the dent: the arrow is lifted off the contact's
-axis and ends before the rest shape, the label stands at the arrow's tail on the side that is
-nearer to the edge of the picture, and inside of it.
+axis and ends before the rest shape, the label stands at the arrow's tail (`labels.py`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import viser
 
 from .colour_map import renderer_colours
+from .labels import Box, label_box, outline
 from .layer import SCALE, Memory, hide
 from .poses import Floats
 from .scene_model import Snapshot, Surface, Touch, deformed, touches
@@ -30,9 +31,6 @@ SHAFT, HEAD, HEAD_LENGTH = 0.014, 0.04, 0.11
 DASH = 0.028
 LIFTED_M = 3e-4
 SIDES = 16
-LABEL_PIXELS_PER_SIGN, LABEL_PIXELS = 8.5, 24
-# A round body seen from nearby is wider than its middle section.
-ROUND = 1.08
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -76,39 +74,24 @@ def arrow_ends(touch: Touch, surface: Surface) -> tuple[Floats, Floats, float]:
     return head + length * axis.outward, head, extent
 
 
-def label_place(
-    visitor: Visitor, tail: Floats, middle: Floats, half: float, text: str
-) -> tuple[Floats, str]:
-    """Where a label stands beside a body of half width `half`, whole in the picture; its anchor.
-
-    Lengths in the scene's units.
-    """
+def label_places(
+    visitor: Visitor, touching: Sequence[Touch], surface: Surface
+) -> dict[int, tuple[Floats, str]]:
+    """By finger: where its label stands in a visitor's picture (scene's units), its anchor."""
+    body = outline(visitor.pixels(surface.position * SCALE))
     right, up, _ = visitor.axes
-    camera = visitor.client.camera
-    width, height = visitor.window.scene
-    eye = np.asarray(camera.position)
-    pixel, near_body = (
-        2.0
-        * max(float((place - eye) @ visitor.axes[2]), 1e-6)
-        * np.tan(camera.fov / 2.0)
-        / max(camera.image_height, 1)
-        for place in (tail, middle)
-    )
-    tail_x = 0.5 * width - float((middle - tail) @ right) / pixel
-    wide = LABEL_PIXELS_PER_SIGN * len(text) + LABEL_PIXELS
-    to_right = float((tail - middle) @ right) > 0.0
-    # Beside the body too, where the arrow ends behind or before it.
-    body_x, free = 0.5 * width, ROUND * half / near_body + 8.0
-    start = max(tail_x + 8.0, body_x + free)
-    if not to_right:
-        start = min(tail_x - 8.0, body_x - free) - wide
-    inside = float(np.clip(start, 6.0, max(width - wide - 6.0, 6.0)))
-    if abs(inside - start) < 1.0:
-        edge = start if to_right else start + wide
-        anchor = 'center-left' if to_right else 'center-right'
-        return tail + (edge - tail_x) * pixel * right, anchor
-    centre = inside + 0.5 * wide
-    return tail + pixel * ((centre - tail_x) * right + 12.0 * up), 'bottom-center'
+    found: dict[int, tuple[Floats, str]] = {}
+    boxes: dict[int, Box] = {}
+    for touch in touching:
+        tail = arrow_ends(touch, surface)[0] * SCALE
+        at = visitor.pixels(tail)[0]
+        others = [box for finger, box in boxes.items() if finger != touch.finger]
+        box = label_box(touch.label, at, body, visitor.window.scene[0], others)
+        boxes[touch.finger] = box
+        off = (box.tail - at[0]) * right - (box.row - at[1]) * up
+        anchor = 'center-left' if box.to_right else 'center-right'
+        found[touch.finger] = tail + visitor.pixel_at(tail) * off, anchor
+    return found
 
 
 @dataclass
@@ -177,11 +160,9 @@ class ForceLayer:
         for number, label in drawn.labels.items():
             if number not in {touch.finger for touch in shown}:
                 hide(label)
-        low, high = surface.position.min(axis=0) * SCALE, surface.position.max(axis=0) * SCALE
-        middle, half = 0.5 * (low + high), 0.5 * float((high - low).max())
+        places = label_places(visitor, shown, surface)
         for touch in shown:
-            tail, _, _ = arrow_ends(touch, surface)
-            place, anchor = label_place(visitor, tail * SCALE, middle, half, touch.label)
+            place, anchor = places[touch.finger]
             handle = drawn.labels.get(touch.finger)
             if handle is None:
                 drawn.labels[touch.finger] = handle = visitor.client.scene.add_label(

@@ -50,11 +50,11 @@ def complete(page: str) -> str:
 class FrontPage:
     """Completes the library's answers; `parts` gives the overlays' HTML by name.
 
-    It is told the name of the tab that asks, and how high its picture is in pixels; '' and 0 where
-    it did not say.
+    It is told the name of the tab that asks, how wide its window and how high its picture is in
+    pixels; '' and 0 where it did not say.
     """
 
-    def __init__(self, parts: Callable[[str, int], Parts]) -> None:
+    def __init__(self, parts: Callable[[str, int, int], Parts]) -> None:
         self._parts = parts
         self._completed: dict[bytes, bytes] = {}
 
@@ -64,8 +64,9 @@ class FrontPage:
         if place != OVERLAY_PATH:
             return None
         asked = {name: values[0] for name, values in parse_qs(query).items()}
-        height = asked.get('height', '')[:5]
-        parts = self._parts(asked.get('tab', ''), int(height) if height.isdecimal() else 0)
+        sizes = (asked.get(name, '')[:5] for name in ('width', 'height'))
+        width, height = (int(size) if size.isdecimal() else 0 for size in sizes)
+        parts = self._parts(asked.get('tab', ''), width, height)
         body = json.dumps(dict(parts)).encode()
         headers = {'Content-Type': 'application/json', 'Cache-Control': 'no-store'}
         return _response(200, 'OK', headers, body)

@@ -66,7 +66,7 @@
       try {
         // The scene's is the highest, the plots have their own.
         const heights = [...document.querySelectorAll('#root canvas')].map(e => e.clientHeight);
-        const asked = `overlay?tab=${tab}&height=${Math.max(0, ...heights)}`;
+        const asked = `overlay?tab=${tab}&width=${innerWidth}&height=${Math.max(0, ...heights)}`;
         const answer = await (await fetch(asked, { cache: 'no-store' })).json();
         missed = 0;
         for (const [name, element] of Object.entries(parts)) {

@@ -23,6 +23,7 @@ from .curves import Curves
 from .front_page import TITLE, FrontPage
 from .grasp_measures import hold_html
 from .own_server import OwnServer
+from .phone_sheet import PhoneSheets
 from .plot_panel import STAMP, PlotPanel
 from .probe import Probe, probe_html
 from .replay_panel import ReplayPanel, ReplayState
@@ -34,7 +35,7 @@ from .section_svg import section_html
 from .surface_layer import Legend
 from .time_series import History, TimeSeries
 from .view_options import SCAN_CHOICES, ViewOptions
-from .visitors import Visitors
+from .visitors import Visitors, Window
 
 Command = Callable[[str], None]
 BUTTONS = {
@@ -85,6 +86,7 @@ class Page:
         self._visitors = Visitors(self.server)
         self.scene = SceneView(self.server, self._visitors)
         self._probe = Probe(self.server)
+        self._sheets = PhoneSheets(self._visitors)
         self._command = command
         self._texts: dict[str, str] = {}
         self._next_plot = self._next_text = 0.0
@@ -95,7 +97,7 @@ class Page:
         gui = self.server.gui
         gui.set_panel_label('Grasp')
         self._state = gui.add_html(words.state_html(words.told(Snapshot(), 0.0, 1e9)))
-        self._numbers = gui.add_html('')
+        self._largest, self._numbers = gui.add_html(''), gui.add_html('')
         self._hold = gui.add_html(hold_html(None))
         self._section = gui.add_html(section_html(None))
         self._held, self._turned = gui.add_html(''), gui.add_html('')
@@ -244,7 +246,8 @@ class Page:
             section = section_of(snapshot, self.scene.surface.topology(snapshot.mesh).faces)
         for name, element, text in (
             ('state', self._state, words.state_html(now)),
-            ('numbers', self._numbers, words.largest_html(snapshot, now) + numbers),
+            ('largest', self._largest, words.largest_html(snapshot, now)),
+            ('numbers', self._numbers, numbers),
             ('hold', self._hold, hold_html(snapshot.grasp, snapshot.closure)),
             ('section', self._section, section_html(section)),
             ('held', self._held, hold_curve_html(self._curves.hold)),
@@ -254,21 +257,27 @@ class Page:
                 element.content = self._texts[name] = text
         reading = self._probe.read(snapshot, self.options, self.scene.surface)
         largest = words.largest_text(snapshot, now)
+        scale = legend_html(quantity.name, quantity.unit, legend.low, legend.top, legend.note)
+        self._sheets.show(scale)
         self._parts = {
             'title': f'{snapshot.object_name} · {TITLE}'.removeprefix(' · '),
             'header': words.header_html(snapshot),
-            'legend': legend_html(
-                quantity.name, quantity.unit, legend.low, legend.top, legend.note
-            ),
-            'chip': f'<b>{now.word}</b>{largest}',
+            'legend': scale,
+            'chip': f'<b>{now.word}</b> {largest}',
             'probe': probe_html(reading),
         }
 
-    def _overlay(self, tab: str, height: int) -> dict[str, str]:
-        """What stands over the scene in that tab, whose picture is so many pixels high."""
+    def _overlay(self, tab: str, width: int, height: int) -> dict[str, str]:
+        """What stands over the scene in that tab, of that window's width and picture's height."""
+        window = Window(width, height)
+        # A phone has its legend in the sheet, and beside the picture what scrolls out of it.
+        parts = {**self._parts, 'legend' if width and window.phone else 'chip': ''}
         visitor = self._visitors.of_tab(tab)
-        bar = '' if visitor is None or not height else scale_html(visitor.reach / height)
-        return {**self._parts, 'scale': bar}
+        if visitor is not None and width and height:
+            # A phone may be turned, a window be drawn out.
+            visitor.window = window
+            parts['scale'] = scale_html(visitor.reach / height)
+        return parts
 
     def close(self) -> None:
         """Stop serving."""

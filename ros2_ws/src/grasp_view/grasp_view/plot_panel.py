@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers over time: a strip below the scene, a diagram a tab.
+"""Numbers over time: a strip below the scene, a diagram a tab; on a phone a folder of its sheet.
 
 Drag over a diagram to look closer, double-click for the whole again. A line marks the time of the
 picture; while somebody looks back in time it moves and the diagrams stand still, so that a closer
@@ -8,7 +8,8 @@ look stays.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,21 +68,19 @@ class PlotPanel:
         self._drawn: dict[str, tuple[Floats, ...]] = {}
         self._now = self._marked = 0.0
         gui, self._ink = visitor.client.gui, visitor.palette.ink
-        panel = gui.add_panel()
-        width = visitor.window.scene[0] - 2 * GAP
-        panel.float(x=GAP, y=-GAP, width=width, height=STRIP - GAP)
-        if visitor.window.narrow:
-            panel.minimize()
+        room = _room(visitor)
         for plot in PLOTS:
             unknown = (False,) * len(plot.series)
-            # The library keeps the first range of time, or what a visitor zoomed to.
-            empty = np.array([-series.span, 0.0])
-            with panel.add_tab(plot.title):
+            # A range that is given stays, or becomes what a visitor zooms to; one that follows the
+            # data runs away where they come faster than a browser draws.
+            whole = (-series.span, 0.0)
+            empty = np.array(whole)
+            with room(plot.title):
                 handle = gui.add_uplot(
                     (empty, *(np.zeros(2) for _ in plot.series), np.zeros(2)),
                     _lines(plot, unknown, self._ink),
                     scales={
-                        'x': uplot.Scale(time=False),
+                        'x': uplot.Scale(time=False, range=whole),
                         'y': uplot.Scale(auto=True),
                         MARK: uplot.Scale(auto=False, range=(0.0, 1.0)),
                     },
@@ -121,6 +120,20 @@ class PlotPanel:
         for plot, handle in self._handles:
             if plot.title in self._drawn:
                 handle.data = marked(self._drawn[plot.title], time - self._now)
+
+
+def _room(visitor: Visitor) -> Callable[[str], AbstractContextManager[object]]:
+    """Opens the place of a diagram by its title: a tab of the strip, or a folder of the sheet."""
+    gui, window = visitor.client.gui, visitor.window
+    if window.phone:
+        # `page.css` shows what follows this mark below the transport.
+        gui.add_html('<i class="grasp-diagrams"></i>')
+        return lambda title: gui.add_folder(title, expand_by_default=title == PLOTS[0].title)
+    panel = gui.add_panel()
+    panel.float(x=GAP, y=-GAP, width=window.scene[0] - 2 * GAP, height=STRIP - GAP)
+    if window.narrow:
+        panel.minimize()
+    return panel.add_tab
 
 
 def plottable(

@@ -32,6 +32,8 @@ class ReplayPanel:
         gui = server.gui
         self._wanted: queue.SimpleQueue[float] = queue.SimpleQueue()
         self._touched = 0.0
+        # By this mark `page.css` finds the folder behind it, to show it further up on a phone.
+        self._mark = gui.add_html('<i class="grasp-transport"></i>', visible=False)
         self._folder = gui.add_folder('Replay', visible=False)
         with self._folder:
             self._slider = gui.add_slider(
@@ -61,7 +63,7 @@ class ReplayPanel:
         if state is not None and not math.isfinite(state.duration):
             state = None
         if self._folder.visible != (state is not None):
-            self._folder.visible = state is not None
+            self._folder.visible = self._mark.visible = state is not None
         if state is None:
             return
         # Rounded down: the recording has nothing behind its end.

@@ -15,9 +15,9 @@ from .palette import DARK, LIGHT, Palette
 from .poses import Floats
 
 MAIN_PANEL = 352
-# Below the first width the diagrams start folded away; below the second the panels are a sheet
-# from below, and the scene is what it leaves free.
-NARROW, PHONE = 1000, 600
+# Below the first width the diagrams start folded away; up to the second, the library's own, the
+# panels are a sheet from below, and the scene is what it leaves free.
+NARROW, PHONE = 1000, 576
 SHEET_SHARE = 0.46
 # The height of the strip of diagrams below the scene, with its margin.
 STRIP = 212
@@ -44,7 +44,7 @@ class Window:
     @property
     def phone(self) -> bool:
         """Whether the panels are a sheet from below."""
-        return self.width < PHONE
+        return self.width <= PHONE
 
     @property
     def scene(self) -> tuple[int, int]:
@@ -83,6 +83,22 @@ class Visitor:
         right = np.cross(ahead, np.asarray(camera.up_direction))
         right = right / max(float(np.linalg.norm(right)), 1e-9)
         return right, np.cross(right, ahead), ahead
+
+    def pixels(self, points: Floats) -> Floats:
+        """Columns and rows (n, 2) of points (n, 3) of the scene, in pixels of the page."""
+        right, up, _ = self.axes
+        camera = self.client.camera
+        from_eye = np.atleast_2d(points) - np.asarray(camera.position)
+        each = self.pixel_at(points)
+        column = 0.5 * self.window.scene[0] + from_eye @ right / each
+        return np.stack([column, 0.5 * self.window.height - from_eye @ up / each], axis=1)
+
+    def pixel_at(self, points: Floats) -> Floats:
+        """How wide a pixel of the page is (n,) at points (n, 3), in units of the scene."""
+        camera = self.client.camera
+        ahead = (np.atleast_2d(points) - np.asarray(camera.position)) @ self.axes[2]
+        away = np.maximum(ahead, 1e-6)
+        return np.asarray(2.0 * away * np.tan(camera.fov / 2.0) / self.window.height)
 
     @property
     def reach(self) -> float:

@@ -32,6 +32,7 @@ def opened(tab, address: str, wait_until):
     """The page in that tab, once it shows a dent of 4.8 mm."""
     tab.goto(address)
     wait_until(lambda: displacement_mm(tab) == 4.8, 60)
+    # Over the picture, or in a phone's sheet.
     wait_until(lambda: tab.locator('.grasp-legend-numbers').is_visible(), 60)
     return tab
 
@@ -73,11 +74,11 @@ def test_a_dark_browser_gets_a_dark_page_beside_a_light_one_and_has_a_switch(
     wait_until(lambda: luminance(picture(dim)[GROUND]) > 0.5, 60)
 
 
-def around_body(tab, path: Path) -> tuple[int, int, int, int]:
-    """First and last column, first and last row of the body's yellow in a picture of the page."""
+def around_body(tab, path: Path, end: float) -> tuple[int, int, int, int]:
+    """First and last column, first and last row of the body's yellow in the page above `end`."""
     tab.screenshot(path=path, scale='css')
     with Image.open(path) as image:
-        seen = np.asarray(image.convert('RGB')).astype(int)
+        seen = np.asarray(image.convert('RGB')).astype(int)[: round(end)]
     body = (seen[..., 0] - seen[..., 2] > 90) & (seen[..., 0] > 120)
     rows, columns = np.flatnonzero(body.any(axis=1)), np.flatnonzero(body.any(axis=0))
     if not len(rows):
@@ -96,25 +97,46 @@ def test_the_object_is_whole_and_nothing_runs_off_the_side(
     tab = opened(open_tab(width, height, **phone), address, wait_until)
     tab.add_style_tag(content='.mantine-Notifications-root { display: none }')
     free = 0.54 * height if width < 600 else height
+    # What is yellow below is the legend in the sheet.
+    scene = 44 + 0.54 * (height - 44) if width < 600 else height
 
     def whole() -> bool:
         """Whether it lies between header, sides and what is below, and is large."""
-        left, right, top, bottom = around_body(tab, tmp_path / 'page.png')
+        left, right, top, bottom = around_body(tab, tmp_path / 'page.png', scene)
         inside = left > 2 and right < width - 2 and top > 46 and bottom < free
         return inside and right - left > 0.18 * width
 
-    wait_until(whole, 60, lambda: str(around_body(tab, tmp_path / 'page.png')))
+    wait_until(whole, 60, lambda: str(around_body(tab, tmp_path / 'page.png', scene)))
     assert tab.evaluate('document.documentElement.scrollWidth') <= width
     wide = """() => [...document.querySelectorAll('[class^="grasp-"], #grasp-overlay > *')]
       .filter(e => e.getBoundingClientRect().width)
       .filter(e => e.getBoundingClientRect().right > innerWidth + 1)
       .map(e => e.className || e.id)"""
     assert tab.evaluate(wide) == []
+    if width < 600:
+        # The sheet leaves the picture its part, and has first what is looked at first.
+        sheet = tab.locator('#root [style*="max-height: 60%"]').bounding_box()
+        assert sheet['y'] >= free and sheet['width'] == width
+        first = ('.grasp-state', '.grasp-largest b', '.grasp-legend-numbers', '.u-wrap')
+        tops = [tab.locator(part).first.bounding_box()['y'] for part in first]
+        assert tops == sorted(tops) and sheet['y'] < tops[0] and tops[-1] < height - 60
     # The length of the bar is round, and it is as long as a thumb.
     wait_until(lambda: tab.locator('#grasp-scale i').count() == 1, 60)
     bar = tab.locator('#grasp-scale i').bounding_box()
     assert re.fullmatch(r'[125]0* mm', tab.locator('#grasp-scale').inner_text().strip())
     assert 40 <= bar['width'] <= 121 and bar['x'] + bar['width'] < width
+
+
+@pytest.mark.chromium
+def test_the_diagrams_span_what_is_remembered_however_the_data_come(page, wait_until) -> None:
+    ends = """Object.values(__viserTestpoints.uplots || {})
+      .map(plot => [plot.chart.scales.x.min, plot.chart.scales.x.max])"""
+
+    def whole() -> bool:
+        found = page.evaluate(ends)
+        return bool(found) and all(span == [-100, 0] for span in found)
+
+    wait_until(whole, 60, lambda: str(page.evaluate(ends)))
 
 
 @pytest.mark.chromium

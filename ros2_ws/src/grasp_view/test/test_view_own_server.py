@@ -97,12 +97,14 @@ def test_a_page_for_the_whole_network_is_reached_by_address_and_by_name(monkeypa
 def test_an_address_of_another_machine_is_one_error_at_once():
     for host in ('10.99.99.99', '999.1.1.1', 'no such name', 'a' * 300):
         with pytest.raises(OSError):
-            OwnServer(host, PORT, FrontPage(lambda tab, height: {}))
+            OwnServer(host, PORT, FrontPage(lambda tab, width, height: {}))
 
 
 @pytest.fixture
 def served():
-    server = OwnServer('127.0.0.1', PORT, FrontPage(lambda tab, height: {'header': f'ours{tab}'}))
+    server = OwnServer(
+        '127.0.0.1', PORT, FrontPage(lambda tab, width, height: {'header': f'ours{tab}'})
+    )
     yield server
     server.stop()
 

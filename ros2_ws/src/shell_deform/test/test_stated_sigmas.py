@@ -20,7 +20,9 @@ from shell_deform.identify.modulus import (
 )
 from shell_deform.identify.relaxation import HeldPushes, find_levels
 from shell_deform.identify.squeeze_bag import binned
+from shell_deform.live.background import shear_dent
 from shell_deform.live.background.outer_field import unmodelled
+from shell_deform.live.background.shear_dent import ShearDent
 from shell_deform.live.tick.adopted import Adopted
 from shell_deform.live.tick.at_rest import AtRest
 from shell_deform.live.tick.fusion import ErrorModel
@@ -486,3 +488,27 @@ def test_the_edge_of_a_stamp_is_in_doubt_within_two_walls_of_it() -> None:
     deeper = unmodelled(places, 2e-3, (patch, patch), np.array([3e-3, 6e-3]))
     assert deeper == pytest.approx(found * (3.0 / 3.6) / (1.5 / 2.1))
     assert not unmodelled(places, 2e-3, (patch,), np.array([-1e-3])).any()
+
+
+def test_what_a_thin_wall_lacks_is_the_shear_dent_of_its_pins(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # A wall of 2 mm and 4 MPa of shear whose radius is 32 mm: a dent reaches 8 mm.
+    membrane = np.zeros((2, 3, 3))
+    membrane[:, 2, 2] = 4e6 * 2e-3
+    shell = SimpleNamespace(membrane=membrane, thickness=np.full(2, 2e-3))
+    monkeypatch.setattr(shear_dent, 'wall_ratio', lambda _model: 1.0 / 16.0)
+    box = np.array([[0.0, 0.0, 0.0], [0.05, 0.06, 0.04]])
+    known = ShearDent(SimpleNamespace(shell=shell, rest=box))
+    force, radius = np.array([10.0, 20.0]), np.array([1e-3, 20e-3])
+    lost = force / (2.0 * np.pi * 5.0 / 6.0 * 8e3) * np.array([np.log(8.0) + 0.5, 0.5])
+    assert known.travel(force, radius) == pytest.approx(lost)
+    monkeypatch.setattr(shear_dent, 'wall_ratio', lambda _model: 0.0)
+    flat = ShearDent(SimpleNamespace(shell=shell, rest=box)).travel(force, radius)
+    assert flat / lost == pytest.approx((np.log([60.0, 3.0]) + 0.5) / (np.log([8.0, 1.0]) + 0.5))
+    # Each pin moves its own vertex by 2 mm/N and goes in by 1 mm/N.
+    columns = np.zeros((3, 3, 2))
+    columns[0, 2, 0] = columns[1, 0, 1] = 2e-3
+    found = known.sigma(force, radius, columns, 1e-3 * np.eye(2))
+    assert found == pytest.approx([2.0 * lost[0], 2.0 * lost[1], 0.0])
+    assert known.sigma(np.zeros(0), np.zeros(0), columns[..., :0], np.zeros((0, 0))).shape == (3,)

@@ -28,6 +28,7 @@ from shell_deform.live.background.placement import Placement, place
 from shell_deform.live.background.rest_shell import RestShell, largest_curl
 from shell_deform.live.background.second_order import Columns, SecondOrder
 from shell_deform.live.background.self_crossing import SelfCrossing
+from shell_deform.live.background.shear_dent import ShearDent
 from shell_deform.live.background.small_loads import SmallLoads, small_loads, snap_margin
 from shell_deform.live.background.tracked_state import Target
 from shell_deform.live.background.tracking import EquilibriumTracker, TrackingOptions
@@ -81,6 +82,7 @@ class LiveSolver:
         self._unloaded: Array | None = None
         self._second = SecondOrder(self._size, self._wall)
         self._face = OuterField(self.tracker) if model.theory == THICK else None
+        self._shear_dent = None if model.theory == THICK else ShearDent(model)
         self._small: SmallLoads | None = None
         self._linear_columns = np.zeros((self._size, 3, 0))
         self._placement: Placement | None = None
@@ -352,10 +354,8 @@ class LiveSolver:
         self._grasp.fill(slot.record)
         if self.gripping is not None:
             self.gripping.fill(slot)
+        slot.unmodelled[:] = self._unmodelled(columns, present.displacement)
         if self._face is not None and slot.outer is not None and slot.outer_slope is not None:
-            slot.unmodelled[:] = unmodelled(
-                self.unloaded_surface, self._wall, self.contacts.patches, present.displacement
-            )
             slot.outer[:], slot.outer_slope[:] = self._face.offset(), self._face.slope
 
     @property
@@ -489,6 +489,17 @@ class LiveSolver:
         bend, push = small.bend(direction, self._driven(self._load))
         field = self.model.surface.limit_fields(bend[:, None])[:, :, 0]
         self._second.from_rest(field, push, direction, self._nearly_at_rest())
+
+    def _unmodelled(self, columns: Columns, displacement: Array) -> Array:
+        """Sigma (n,) [m] of what the theory has not, under contacts displaced by (k,) [m]."""
+        patches, k = self.contacts.patches, len(displacement)
+        if self._shear_dent is None:
+            return unmodelled(self.unloaded_surface, self._wall, patches, displacement)
+        radius = np.array([patch.radius for patch in patches])
+        return self._shear_dent.sigma(
+            self.tracker.state.force, radius, columns.columns[..., :k],
+            columns.displacement_by[:, :k],
+        )  # fmt: skip
 
     def _carried(self, surface: Array) -> Pose:
         """Rigid motion to `surface` (n, 3) of an object that only fingers hold."""

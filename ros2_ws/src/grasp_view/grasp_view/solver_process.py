@@ -52,11 +52,19 @@ class SolverProcess:
         """Whether it runs: it has not ended, and nobody has stopped it."""
         return self._process.poll() is None and not is_stopped(self._process.pid)
 
+    def prepare(self, object_file: Path, theory: str) -> None:
+        """Let it build a shell while it stands by."""
+        self._say({'object': str(object_file), 'theory': theory})
+
     def begin(self, arguments: Sequence[str]) -> None:
-        """Let it serve with these arguments; one that has died is found dead later."""
+        """Let it serve with these arguments."""
+        self._say(list(arguments))
+
+    def _say(self, what: object) -> None:
+        """One line of JSON; one that has died is found dead later."""
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError):
-            self._process.stdin.write(json.dumps(list(arguments)).encode() + b'\n')
+            self._process.stdin.write(json.dumps(what).encode() + b'\n')
             self._process.stdin.flush()
 
     def drop(self) -> None:

@@ -39,7 +39,7 @@ RATE_HZ = 30.0
 SETTLE_S = 0.4
 FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 10.0
-"""Before a solver that ended without an answer is started again; twice as long each time [s]."""
+"""Before another solver is made where none stands by; twice as long each time [s]."""
 SPARE_AFTER_S = 2.0
 """A spare is started so long after the solver has answered: its own start is busy enough [s]."""
 
@@ -63,6 +63,11 @@ def known_objects(chosen: str) -> dict[str, dict[str, Any]]:
     return described
 
 
+def _shell(wish: Wish) -> Wish:
+    """What of a wish the solver builds: friction and mass are asked of it as they come."""
+    return replace(wish, friction=0.0, mass_kg=0.0)
+
+
 class WhatIf:
     """Publishes the fingers' contacts and keeps the solver's parameters as the sliders say."""
 
@@ -84,6 +89,7 @@ class WhatIf:
         self._client = node.create_client(SetParameters, f'{NAMESPACE}/deformation/set_parameters')
         self._pause = FIRST_PAUSE_S
         self._spare: SolverProcess | None = None
+        self._prepared: tuple[Wish, Path] | None = None
         self._start()
         node.create_timer(1.0 / RATE_HZ, self._publish)
 
@@ -91,9 +97,13 @@ class WhatIf:
         """Let a solver, the spare where there is one, serve what was served."""
         spare, self._spare = self._spare, None
         self._solver = spare or SolverProcess()
-        served = self._served
+        served, prepared = self._served, self._prepared
+        if spare is not None and prepared is not None and prepared[0] == _shell(served):
+            path = prepared[1]
+        else:
+            path = self._write(self._solver, served)
         parameters = {
-            'object': self._write(served), 'theory': served.theory, 'drive': 'force',
+            'object': path, 'theory': served.theory, 'drive': 'force',
             'frame': 'object', 'friction': served.friction, 'mass': served.mass_kg,
         }  # fmt: skip
         words = [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
@@ -109,21 +119,31 @@ class WhatIf:
             self._spare.drop()
             self._spare = None
         if self._solver.alive:
-            if self._spare is None and now - self._quiet_since > SPARE_AFTER_S:
-                self._spare, self._quiet_since = SolverProcess(), now
+            self._keep_a_spare(now)
             return
         self._panel.say('the solver has ended and another one takes its place …')
-        if now - self._ended < self._pause:
+        if self._spare is None and now - self._ended < self._pause:
             return
         self._pause, self._ended = min(2.0 * self._pause, LONGEST_PAUSE_S), now
         self._solver.drop()
         self._future = None
         self._start()
 
-    def _write(self, wish: Wish) -> Path:
-        """The wished object as a file of a new name, so that the solver sees a change."""
+    def _keep_a_spare(self, now: float) -> None:
+        """Have another solver stand by, with the shell that is served built."""
+        if self._spare is None and now - self._quiet_since > SPARE_AFTER_S:
+            self._spare, self._quiet_since, self._prepared = SolverProcess(), now, None
+        served, prepared = self._served, self._prepared
+        if self._spare is None or (prepared is not None and prepared[0] == _shell(served)):
+            return
+        if self._asked == served and now - self._changed_at > SPARE_AFTER_S:
+            self._prepared = _shell(served), self._write(self._spare, served)
+            self._spare.prepare(self._prepared[1], served.theory)
+
+    def _write(self, solver: SolverProcess, wish: Wish) -> Path:
+        """The wished object as a file of a new name, so that `solver` sees a change."""
         self._written += 1
-        path = self._solver.folder / str(self._written) / f'{wish.object_name}.yaml'
+        path = solver.folder / str(self._written) / f'{wish.object_name}.yaml'
         path.parent.mkdir()
         variant = object_variant(
             self._objects[wish.object_name], wish.young_modulus_pa, wish.gauge_pressure_pa
@@ -230,7 +250,7 @@ class WhatIf:
         if asked.theory != served.theory:
             self._served = replace(served, theory=asked.theory)
             return [Parameter('theory', value=asked.theory)]
-        path = self._write(asked)
+        path = self._write(self._solver, asked)
         if asked.object_name != served.object_name:
             self._touches.clear()
         self._served = asked

@@ -216,6 +216,7 @@ def usage() -> str:
     return parameter_table.usage(
         'deformation',
         'The deformed surface for every sample of hand/contacts. With --standby alone it loads '
-        'everything and begins with the arguments that a line on stdin brings (a JSON list).',
+        'everything, builds the shell that a line on stdin names (JSON: {"object": ..., '
+        '"theory": ...}), and begins with the arguments that another line brings (a JSON list).',
         PARAMETERS,
     )

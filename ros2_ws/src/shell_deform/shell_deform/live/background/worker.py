@@ -182,6 +182,13 @@ class Loop:
         self.memory.publish(index, self.results)
 
 
+def step_back(niceness: int) -> Courtesy | None:
+    """Become nice; where the work is done from then on, None for this thread."""
+    courtesy = Courtesy() if niceness else None
+    os.nice(niceness)
+    return courtesy
+
+
 def _is_gone(connection: socket.socket) -> bool:
     """Whether the other side has closed a socket that is ready to be read."""
     try:
@@ -200,9 +207,9 @@ def main() -> int:
         # Whoever started this process ahead ended before it knew what to build.
         return 0
     options = json.loads(line)
-    niceness = int(options['niceness'])
-    courtesy = Courtesy() if niceness else None
-    os.nice(niceness)
+    courtesy = None
+    if options['beside']:
+        courtesy = step_back(int(options['niceness']))
     try:
         solver = build(options)
     except (ValueError, OSError) as error:
@@ -235,6 +242,9 @@ def main() -> int:
     with contextlib.suppress(ValueError, RuntimeError):
         solver.warm_up()
     hand_over(solver, connection, float(str(options.get('curl') or 0.0)))
+    if not options['beside']:
+        # So long nobody else had an answer, and somebody waits for the first one.
+        courtesy = step_back(int(options['niceness']))
     if isinstance(solver, LiveSolver):
         solver.motion = Motion(float(solver.model.shell.thickness.mean()))
     Loop(solver, memory, int(sys.argv[2]), courtesy).run(connection)

@@ -76,6 +76,8 @@ class WorkerProcess:
 
     def __init__(self, build: Build | None = None) -> None:
         self.memory: SharedMemory | None = None
+        self.build: Build | None = None
+        """What it was told to build."""
         self.thickness = 0.0
         self.theory = self.theory_reason = ''
         """The one taken: `auto` is none; why it took that, empty where it was asked for."""
@@ -103,8 +105,12 @@ class WorkerProcess:
         if build is not None:
             self.start(build)
 
-    def start(self, build: Build) -> None:
-        """Tell the process what to build, once."""
+    def start(self, build: Build, beside: bool = False) -> None:
+        """Tell the process what to build, once.
+
+        `beside`: another one serves meanwhile, so that it is courteous from the beginning.
+        """
+        self.build = build
         options = {
             'object': build.object_name,
             'theory': build.theory,
@@ -115,6 +121,7 @@ class WorkerProcess:
             'curl': build.curl,
             'bodies': build.bodies,
             'by_cells': build.by_cells,
+            'beside': beside,
         }
         # One that died already is found dead, and replaced, by whoever looks after it.
         with contextlib.suppress(BrokenPipeError):
@@ -213,15 +220,19 @@ class WorkerLink:
     """
 
     def __init__(self, build: Build, ahead: WorkerProcess | None = None) -> None:
-        """`ahead`: a process started ahead for this."""
+        """`ahead`: a process started ahead for this; one that builds something else is ended."""
         self.restarts = 0
         self.candidate: WorkerProcess | None = None
         self._build = build
         self._candidate_build = build
         self._spare: WorkerProcess | None = None
         self._leaving: list[tuple[WorkerProcess, float]] = []
+        if ahead is not None and ahead.build not in (None, build):
+            ahead.stop(0.0)
+            ahead = None
         self.worker = ahead or WorkerProcess()
-        self.worker.start(build)
+        if self.worker.build is None:
+            self.worker.start(build)
         self._back_off = BACK_OFF_FIRST_S
         self._start_at = 0.0
         self._started = self._ready = self._looked_after = -np.inf
@@ -308,7 +319,7 @@ class WorkerLink:
         rounded = tuple((float(x), float(y), float(z)) for x, y, z in places)
         build = replace(self._build, refine_at=rounded, refine_radius=radius, curl=curl)
         self.candidate, self._candidate_build = self._next_process(), build
-        self.candidate.start(build)
+        self.candidate.start(build, beside=True)
 
     def tend_candidate(self) -> str:
         """Look after the candidate; why it was given up, or ''."""

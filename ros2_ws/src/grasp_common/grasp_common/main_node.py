@@ -9,9 +9,11 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any, Protocol, TypeVar
 
 import rclpy
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -20,7 +22,7 @@ from rclpy.utilities import remove_ros_args
 
 from grasp_common.messages import descriptor
 from grasp_common.parameter_table import Parameter, ParameterError, unknown
-from grasp_common.terminal import complain
+from grasp_common.terminal import complain, printable
 
 WRONG_ROS_ARGUMENTS: tuple[type[Exception], ...] = (
     rclpy_implementation.UnknownROSArgsError,
@@ -75,12 +77,15 @@ def made(make: Callable[[], Made]) -> Made:
         with warnings.catch_warnings():
             # rclpy complains that it cannot take back what was never made.
             warnings.filterwarnings('ignore', 'Failed to fini', RuntimeWarning)
-            return make()
+            node = make()
     except rclpy_implementation.RCLError as error:
         # After a signal everything fails that is still being made: that is no refusal.
         if not rclpy.ok():
             raise
         raise RosStartError(_reason(error)) from error
+    if isinstance(node, Node):
+        guard_services(node)
+    return node
 
 
 def _reason(error: Exception) -> str:
@@ -137,6 +142,31 @@ def end_by_signals() -> None:
     signal.signal(signal.SIGINT, lambda *_: None)
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
+
+
+def guard_services(node: Node) -> None:
+    """Let no request end the node.
+
+    rclpy's own services raise on what cannot be: a parameter of a type that there is none of, say.
+    """
+    for service in node.services:
+        callback = service.callback
+        if str(getattr(callback, '__module__', '')).startswith('rclpy.'):
+            service.callback = partial(_answer, node, callback)
+
+
+def _answer(node: Node, callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+    """What `callback` answers, or a refusal."""
+    try:
+        return callback(request, response)
+    except Exception as error:
+        node.get_logger().error(f'a request is refused: {printable(str(error))}')
+        refused = SetParametersResult(successful=False, reason=str(error))
+        if hasattr(response, 'results'):
+            response.results = [refused for _ in request.parameters]
+        elif hasattr(response, 'result'):
+            response.result = refused
+        return response
 
 
 def spin(node: Any, executor: Executor) -> None:

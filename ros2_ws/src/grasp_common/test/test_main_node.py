@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.node import Node
 
 from grasp_common import main_node
 
@@ -132,3 +135,22 @@ def test_an_executor_whose_making_a_signal_broke_off_goes_without_a_word(
     with pytest.raises((TypeError, RuntimeError)):
         main_node.QuietExecutor(context=context)
     assert complaints == []
+
+
+def test_a_request_that_cannot_be_is_refused(domain_id: int) -> None:
+    rclpy.init()
+    node = main_node.made(lambda: Node('guarded'))
+    try:
+        asked = {service.srv_name.rpartition('/')[2]: service for service in node.services}
+        odd = [Parameter(name='speed', value=ParameterValue(type=39))]
+        told = asked['set_parameters'].callback(
+            SetParameters.Request(parameters=odd), SetParameters.Response()
+        )
+        assert [one.successful for one in told.results] == [False]
+        together = asked['set_parameters_atomically'].callback(
+            SetParametersAtomically.Request(parameters=odd), SetParametersAtomically.Response()
+        )
+        assert not together.result.successful and '39' in together.result.reason
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()

@@ -24,7 +24,7 @@ from threading import Thread
 import numpy as np
 
 from grasp_common.formats import RawMesh
-from grasp_common.watchdog import is_stopped, wake_with_parent
+from grasp_common.watchdog import end_with_parent, is_stopped
 from scan_compare.comparison import ComparisonError, Setup, compare
 from scan_compare.deformed_surface import (
     DeformedSurface,
@@ -367,7 +367,7 @@ class Worker:
                 str(theirs.fileno()),
             ],
             pass_fds=(theirs.fileno(),),
-            preexec_fn=wake_with_parent,
+            preexec_fn=end_with_parent,
             stdin=subprocess.DEVNULL,
         )
         theirs.close()

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp_common.watchdog import Watchdog, is_stopped, wake_with_parent
+from grasp_common.watchdog import Watchdog, end_with_parent, is_stopped
 from shell_deform.live.background.rest_shell import RestShell, unpacked
 from shell_deform.live.exchange import REQUEST, Layout, SharedMemory, Slot
 from shell_deform.live.grip_motion import GripPlan
@@ -96,7 +96,7 @@ class WorkerProcess:
             [*command, str(theirs.fileno()), str(self._event)],
             pass_fds=(theirs.fileno(), self._event),
             env=environment,
-            preexec_fn=wake_with_parent,
+            preexec_fn=end_with_parent,
             stdin=subprocess.DEVNULL,
         )
         theirs.close()

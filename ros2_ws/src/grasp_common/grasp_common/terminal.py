@@ -36,6 +36,11 @@ def printable(text: str, most: int = 500) -> str:
     )
 
 
+def in_picture(text: str) -> str:
+    """`text` for a picture of matplotlib: none of it steers, and a dollar begins no formula."""
+    return printable(text).replace('$', r'\$')
+
+
 def fixed(value: float, digits: int) -> str:
     """`value` with so many decimals; zero has no sign."""
     text = f'{value:.{digits}f}'

@@ -13,11 +13,13 @@ from contextlib import contextmanager
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from tests.patience import Patience
 
 from grasp_common.terminal import (
     complain,
     fixed,
+    in_picture,
     print_table,
     printable,
     progress_bar,
@@ -114,3 +116,13 @@ def test_quick_work_shows_no_bar(monkeypatch: pytest.MonkeyPatch) -> None:
         sys.stderr.write('end')
         sys.stderr.flush()
         assert os.read(end, 4096) == b'end'
+
+
+@pytest.mark.parametrize('name', ['a\x1b]0;owned\x07b', '$\\frac$', '50 $', '\u202eball'])
+def test_a_name_in_a_picture_is_drawn_without_a_complaint(
+    name: str, recwarn: pytest.WarningsRecorder
+) -> None:
+    figure = Figure()
+    figure.suptitle(in_picture(name))
+    figure.savefig(io.BytesIO())
+    assert not recwarn.list

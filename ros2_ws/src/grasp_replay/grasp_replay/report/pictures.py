@@ -23,6 +23,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 from scipy.spatial import cKDTree
 
+from grasp_common.terminal import in_picture
+
 from .camera import (
     Camera,
     dent_camera,
@@ -200,7 +202,7 @@ def triptych(scene: RowScene, tops: ErrorScales) -> Figure:
         f'grey: not seen; lines: displacement every {_line_step(scene) * MILLI:g} mm',
         fontsize=10,
     )
-    figure.suptitle(f'{scene.title}  ({scene.kind})', fontsize=12, y=0.985)
+    figure.suptitle(f'{in_picture(scene.title)}  ({scene.kind})', fontsize=12, y=0.985)
     return figure
 
 
@@ -268,7 +270,7 @@ def profile(scene: RowScene) -> Figure:
         xlabel='across the contact axis (mm)',
         ylabel='along it (mm)',
     )
-    axes.set_title(scene.title, fontsize=10)
+    axes.set_title(in_picture(scene.title), fontsize=10)
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc='lower center', ncols=2)
     return figure

@@ -13,6 +13,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
+from grasp_common.terminal import in_picture
 from scan_compare.comparison import Comparison
 from scan_compare.deformed_surface import DeformedSurface
 from scan_compare.report.camera import Camera, Layer, camera_towards, draw, shade
@@ -101,7 +102,8 @@ def patches_picture(comparison: Comparison) -> bytes:
         row, column = np.nonzero(_in_front(darkest, base, surface))
         axes.plot(column, row, '.', color='black', markersize=3)
     axes.set_title(
-        f'{title}\nlargest displacement {1e3 * surface.max_displacement:.2f} mm', fontsize=10
+        f'{in_picture(title)}\nlargest displacement {1e3 * surface.max_displacement:.2f} mm',
+        fontsize=10,
     )
     axes.set_axis_off()
     return _png(figure)

@@ -12,7 +12,7 @@ import matplotlib
 import numpy as np
 
 from grasp_common.command_line import parse
-from grasp_common.terminal import print_table, say, tracked
+from grasp_common.terminal import in_picture, print_table, say, tracked
 from shell_deform.building import with_material
 from shell_deform.commands.console import CommandError, print_json, run
 from shell_deform.commands.shell_identify_hold import relaxation_from
@@ -277,7 +277,7 @@ def _plot(path: Path, result: _Result) -> None:
     )
     axes.set_xlabel('displacement of each contact [mm]')
     axes.set_ylabel('force of each contact [N]')
-    axes.set_title(f'{curve.shell_object.name}: E = {young / 1e6:.4g} MPa')
+    axes.set_title(f'{in_picture(curve.shell_object.name)}: E = {young / 1e6:.4g} MPa')
     axes.grid(alpha=0.3)
     axes.legend(fontsize='small')
     figure.savefig(path, bbox_inches='tight', metadata={'Software': None})

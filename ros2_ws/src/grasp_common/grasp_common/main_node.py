@@ -158,6 +158,11 @@ def guard_services(node: Node) -> None:
 def _answer(node: Node, callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
     """What `callback` answers, or a refusal."""
     try:
+        # What rcl cannot use of these it logs as they came.
+        label = getattr(getattr(request, 'transition', None), 'label', '')
+        for text in (getattr(request, 'type_hash', ''), label):
+            if not text.isprintable():
+                raise ValueError(f'{text!r} names nothing')
         return callback(request, response)
     except Exception as error:
         node.get_logger().error(f'a request is refused: {printable(str(error))}')
@@ -166,6 +171,8 @@ def _answer(node: Node, callback: Callable[[Any, Any], Any], request: Any, respo
             response.results = [refused for _ in request.parameters]
         elif hasattr(response, 'result'):
             response.result = refused
+        elif hasattr(response, 'failure_reason'):
+            response.failure_reason = str(error)
         return response
 
 

@@ -14,6 +14,7 @@ import rclpy
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
+from type_description_interfaces.srv import GetTypeDescription
 
 from grasp_common import main_node
 
@@ -151,6 +152,12 @@ def test_a_request_that_cannot_be_is_refused(domain_id: int) -> None:
             SetParametersAtomically.Request(parameters=odd), SetParametersAtomically.Response()
         )
         assert not together.result.successful and '39' in together.result.reason
+        # rcl would log what it cannot read as it came.
+        described = asked['get_type_description'].callback(
+            GetTypeDescription.Request(type_hash='\x1b]0;owned\x07'),
+            GetTypeDescription.Response(),
+        )
+        assert described.failure_reason == r"'\x1b]0;owned\x07' names nothing"
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

@@ -9,7 +9,7 @@ import re
 from typing import Any
 
 import numpy as np
-from rosidl_parser.definition import BasicType, NamespacedType, UnboundedSequence
+from rosidl_parser.definition import Array, BasicType, NamespacedType, UnboundedSequence
 from sensor_msgs.msg import PointCloud2, PointField
 
 NUMBERS = (0.0, -0.0, 1.0, -1.0, 1e-300, 1e30, -1e30, 1e300, math.nan, math.inf, -math.inf, 5e-324)
@@ -29,7 +29,7 @@ CONTACT_FIELDS = (
 class OddMessages:
     """Makes messages; the seed fixes all of them."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int | list[int]) -> None:
         self._random = np.random.default_rng(seed)
 
     def pick(self, choices: Any) -> Any:
@@ -65,6 +65,9 @@ class OddMessages:
                 self._fill(inner, part, part_slot)
         elif isinstance(slot, UnboundedSequence):
             setattr(made, name, self._sequence(made, name, slot.value_type))
+        elif isinstance(slot, Array) and isinstance(slot.value_type, BasicType):
+            kind = slot.value_type.typename
+            setattr(made, name, [self._basic(kind) for _ in range(slot.size)])
         elif isinstance(slot, BasicType):
             setattr(made, name, self._basic(slot.typename))
         elif type(getattr(made, name)) is str:
@@ -100,6 +103,7 @@ class OddMessages:
         """Contacts, or a scan, of which one thing is wrong."""
         count = int(self.pick((0, 1, 2, 3, 50)))
         names = [*CONTACT_FIELDS, 'finger', 'flags', 'distance', 'ux', 'uy', 'uz']
+        names += ['displacement', 'sigma']
         kinds = [('u1' if name in ('finger', 'flags') else '<f4') for name in names]
         rows = np.zeros(count, list(zip(names, kinds, strict=True)))
         rows['x'], rows['nx'], rows['fx'] = -0.0325, 1.0, 5.0

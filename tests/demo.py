@@ -41,6 +41,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from sensor_msgs.msg import PointCloud2  # noqa: E402
 from shape_msgs.msg import Mesh  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
 
 
 class Listener(Node):
@@ -118,18 +119,26 @@ def live(bag: Path, rate: float) -> dict[str, int]:
     listener = Listener()
     executor = SingleThreadedExecutor()
     executor.add_node(listener)
-    nodes = [
+    processes = [
         # Two cores carry four processes here: the thin wall is refreshed several times as often.
         _start('deformation', [*parameters, '-p', 'theory:=koiter'], logs),
         _start('scan_compare', parameters, logs),
+        # It reads the recording meanwhile, and plays when the nodes are there.
+        _start(
+            'replay',
+            [str(bag), '--rate', str(rate), '--start-paused', '--wait', f'{START_TIMEOUT_S:g}']
+            + ['--topics', '/hand/contacts', '/object_pose', '/scan/points'],
+            logs,
+        ),
     ]
-    processes = list(nodes)
+    *nodes, player = processes
+    resume = listener.create_client(Trigger, 'replay/resume')
 
     def until(condition: Callable[[], bool], seconds: float) -> bool:
         deadline = time.monotonic() + seconds
         while not condition():
             executor.spin_once(timeout_sec=0.05)
-            if any(node.poll() is not None for node in nodes):
+            if any(node.poll() is not None for node in nodes) or player.poll():
                 raise SystemExit(f'a node ended; the logs are in {logs}')
             if time.monotonic() > deadline:
                 return False
@@ -137,30 +146,25 @@ def live(bag: Path, rate: float) -> dict[str, int]:
 
     # The mesh is published when the shell is built and every sample is answered from then on.
     def ready() -> bool:
-        return listener.meshes > 0 and listener.count_publishers('scan/mean_error') > 0
+        there = listener.meshes > 0 and listener.count_publishers('scan/mean_error') > 0
+        return there and resume.service_is_ready()
 
     try:
         if not until(ready, START_TIMEOUT_S):
             raise SystemExit(f'the nodes did not start; their logs are in {logs}')
-        player = subprocess.Popen(
-            [BIN / 'replay', bag, '--rate', str(rate), '--wait', '30']
-            + ['--topics', '/hand/contacts', '/object_pose', '/scan/points'],
-            stdout=subprocess.DEVNULL,
-        )
-        processes.append(player)
+        playing = resume.call_async(Trigger.Request())
+        if not until(playing.done, START_TIMEOUT_S):
+            raise SystemExit(f'the replay does not play; its log is in {logs}')
         until(lambda: player.poll() is not None, float('inf'))
         until(
             lambda: len(listener.surfaces) >= sent and len(listener.errors) >= scans,
             SETTLE_TIMEOUT_S,
         )
     finally:
-        for process in processes:
-            _stop(process)
+        _stop(*processes)
         executor.shutdown()
         listener.destroy_node()
         rclpy.try_shutdown()
-    if player.returncode:
-        raise SystemExit(f'replay ended with {player.returncode}; logs in {logs}')
     return {
         'contacts': sent,
         'answered': len(listener.surfaces),
@@ -192,9 +196,12 @@ def _start(executable: str, arguments: list[str], logs: Path) -> subprocess.Pope
     )
 
 
-def _stop(process: subprocess.Popen[Any]) -> None:
-    if process.poll() is None:
+def _stop(*processes: subprocess.Popen[Any]) -> None:
+    """End all of them at once: each takes a second or two to leave."""
+    left = [process for process in processes if process.poll() is None]
+    for process in left:
         process.send_signal(signal.SIGINT)
+    for process in left:
         try:
             process.wait(STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:

@@ -137,7 +137,7 @@ def run(
     show(0.0, 'reading')
     experiment = read_experiment(bag)
     recording = _in_metres(read_recording(bag), options.scan_unit)
-    name = options.object_name or experiment.object_file or DEFAULT_OBJECT
+    name = object_file(options, experiment)
     place = placement(recording, experiment, name, options.object_pose, options.search)
     recording = place.recording
     holds = holds_of(recording, experiment, place.pose)
@@ -173,6 +173,11 @@ def run(
         tuple(rows),
         place.pose,
     )
+
+
+def object_file(options: PipelineOptions, experiment: Experiment) -> str:
+    """Name or file of the object: the one chosen, else the one that the recording names."""
+    return options.object_name or experiment.object_file or DEFAULT_OBJECT
 
 
 def _in_metres(recording: Recording, unit: str) -> Recording:

@@ -16,14 +16,16 @@ from typing import Any
 
 from grasp_replay import scenes
 from grasp_replay.errors import BagError
-from grasp_replay.experiment import published_source
+from grasp_replay.experiment import published_source, read_experiment
 from grasp_replay.grasp_section import grasp_sections
 from grasp_replay.hold_section import hold_sections
-from grasp_replay.pipeline import Outcome, PipelineOptions, run
+from grasp_replay.meanwhile import meanwhile
+from grasp_replay.pipeline import Outcome, PipelineOptions, object_file, run
 from grasp_replay.published import published_predictions, published_table
 from grasp_replay.report import Report, ReportError, write_report
 from grasp_replay.results import csv_text, document, json_text, write_file
 from grasp_replay.sample_trace import SampleTrace, trace_csv, trace_samples
+from shell_deform.objects import load_object
 
 # What the numbers depend on besides the bag.
 PROGRAMS = ('grasp_replay', 'shell_deform', 'scan_compare', 'numpy', 'scipy', 'numba')
@@ -58,13 +60,12 @@ def make_report(
     BagError.
     """
     watch = _Stopwatch(show)
-    outcome = run(bag, options, lambda share, note: watch(0.6 * share, note))
-    name = outcome.shell.shell.name
-    watch(0.6, 'published table')
     table = extent.published or published_table(bag)
-    published = []
-    if table is not None:
-        published = published_predictions(table, outcome.object_name, name, options.thick)
+    with meanwhile(_published, bag, options, table) as later:
+        outcome = run(bag, options, lambda share, note: watch(0.6 * share, note))
+        name = outcome.shell.shell.name
+        watch(0.6, 'published table')
+        published = later()
     trace = None
     if extent.samples:
         watch(0.65, 'linear theory at every sample')
@@ -89,6 +90,14 @@ def make_report(
         shutil.rmtree(part, ignore_errors=True)
     show(1.0, 'done')
     return results
+
+
+def _published(bag: Path, options: PipelineOptions, table: Path | None) -> list[dict[str, Any]]:
+    """The published table beside our predictions; needs nothing of the recording."""
+    if table is None:
+        return []
+    file = object_file(options, read_experiment(bag))
+    return published_predictions(table, file, load_object(file).name, options.thick)
 
 
 class _Stopwatch:

@@ -146,10 +146,18 @@ class TheorySet:
 
         changed = self.with_solid_young if theory == THICK else self.with_young
 
+        last: Equilibrium | None = None
+
         def error(young: float) -> float | None:
-            solved = changed(young).solve(theory, patches, push)
+            nonlocal last
+            shell = changed(young)
+            solved = shell.solve(theory, patches, push, last)
+            if solved.surface is None and last is not None:
+                solved = shell.solve(theory, patches, push)
             if solved.surface is None or solved.state is None:
                 return None
+            # The next modulus is near this one: its shape is near this one's, too.
+            last = replace(solved.state, history=())
             found = float(np.mean(solved.state.displacement))
             return float(np.log(displacement_m / found)) if found > 0.0 else None
 

@@ -30,6 +30,11 @@ def keep_to_one_core() -> None:
     _one_core = True
 
 
+def one_core() -> bool:
+    """Whether this process has no second core for other work."""
+    return _one_core or len(os.sched_getaffinity(0)) < 2
+
+
 def _forget() -> None:
     """In a forked child the helper's thread does not exist."""
     global _own

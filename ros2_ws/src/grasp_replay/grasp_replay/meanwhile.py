@@ -8,6 +8,7 @@ import signal
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from multiprocessing.connection import Connection
 from typing import TypeVar
 
 from shell_deform.compiled.first_use import end_with_parent
@@ -22,20 +23,43 @@ def meanwhile(job: Callable[..., T], *arguments: object) -> Iterator[Callable[[]
 
     A forked child works on it from now on, and ends with the block, also where that fails. Where
     this process has one core to itself, or may have no children (as a worker of Dask), it does the
-    job when it is asked for the result.
+    job when it is asked for the result; also where the child was killed.
     """
     if one_core() or multiprocessing.current_process().daemon:
         yield lambda: job(*arguments)
         return
+    # One pipe and no pool: its threads and locks would have to outlive a child that is ended.
+    forked = multiprocessing.get_context('fork')
+    ours, theirs = forked.Pipe(duplex=False)
+    child = forked.Process(target=_do, args=(theirs, job, arguments), daemon=True)
     with warnings.catch_warnings():
         # Python 3.12 warns of locks that other threads may hold: ours hold none while they wait.
         warnings.simplefilter('ignore', DeprecationWarning)
-        pool = multiprocessing.get_context('fork').Pool(1, _begin)
-    with pool:
-        yield pool.apply_async(job, arguments).get
+        child.start()
+    theirs.close()
+
+    def result() -> T:
+        try:
+            value, error = ours.recv()
+        except EOFError:
+            return job(*arguments)
+        if error is not None:
+            raise error
+        return value
+
+    try:
+        yield result
+    finally:
+        child.kill()
+        child.join()
+        ours.close()
 
 
-def _begin() -> None:
+def _do(answer: Connection, job: Callable[..., object], arguments: tuple[object, ...]) -> None:
     """A child of ours ends with its parent, and leaves it to the parent to be interrupted."""
     end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        answer.send((job(*arguments), None))
+    except Exception as error:
+        answer.send((None, error))

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import time
 
 import pytest
@@ -61,3 +62,26 @@ def children() -> list[str]:
     """Process ids of the children of this thread."""
     with open(f'/proc/self/task/{os.getpid()}/children') as found:
         return found.read().split()
+
+
+def die_in_a_child(parent: int) -> str:
+    if os.getpid() != parent:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 'done'
+
+
+def test_what_a_killed_child_leaves_is_done_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, 'one_core', lambda: False)
+    with meanwhile(die_in_a_child, os.getpid()) as later:
+        assert later() == 'done'
+
+
+def test_a_block_that_fails_at_once_ends_a_child_that_has_hardly_begun(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, 'one_core', lambda: False)
+    before = set(children())
+    for _ in range(50):
+        with pytest.raises(BagError), meanwhile(time.sleep, 600.0):
+            raise BagError('at once')
+    assert set(children()) <= before

@@ -20,8 +20,11 @@ def script(tmp_path: Path, source: str) -> None:
 
 
 def run(tmp_path: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    # What is started behind a shell's & ignores interrupts, and so would this process.
     code = (
-        'import sys; from grasp_common.command_line import command\n'
+        'import signal, sys\n'
+        'signal.signal(signal.SIGINT, signal.default_int_handler)\n'
+        'from grasp_common.command_line import command\n'
         "sys.exit(command('small', 'small_program')())"
     )
     return subprocess.run(

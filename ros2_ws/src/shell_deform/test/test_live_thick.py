@@ -119,6 +119,21 @@ def test_fingers_that_slide_are_followed_with_the_unknowns_of_their_new_pins(mod
     assert pipeline.solver.generation > laid
 
 
+def test_a_pin_that_slides_in_its_dent_closes_the_gaps_under_it_in_steps(model):
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
+    depths = np.r_[np.arange(0.25, 3.1, 0.25), [3.0] * 7] * 1e-3
+    slides = np.r_[np.zeros(13), np.arange(0.2, 1.3, 0.2)] * 1e-3
+    for stamp, (depth, slide) in enumerate(zip(depths, slides, strict=True), 1):
+        angle = slide / 0.0325
+        out = np.array([[np.cos(angle), 0.0, np.sin(angle)], [-1.0, 0.0, 0.0]])
+        point = (0.0325 - depth) * out
+        pipeline.tick(
+            live_hand.sample(point, -out, [5.0] * 2, [depth] * 2, radius=RADIUS, stamp=stamp)
+        )
+        pipeline.refresh()
+        assert (pipeline.solver.share, pipeline.solver.message) == (1.0, '')
+
+
 @pytest.fixture(scope='module')
 def outer(ball, model):
     """Outer face (n, 3) [m] at a travel [m], by the offline solver."""

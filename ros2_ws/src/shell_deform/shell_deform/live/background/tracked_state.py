@@ -71,3 +71,22 @@ class State:
     missing: Array
     residual: float
     grips: Array = field(default_factory=_no_grips)
+
+
+@dataclass(frozen=True)
+class Loose:
+    """What keeps a state but is no longer there.
+
+    A contact that left has taken its push and its grip with it, and one that comes onto a dent
+    finds gaps under it: all of it is let go in steps.
+
+    Attributes:
+        force: (N,) nodal forces [N]. gaps: (c,) under the pins of a thick wall [m^3].
+    """
+
+    force: Array
+    gaps: Array
+
+    def part(self, share: float) -> Loose:
+        """So much of it."""
+        return Loose(share * self.force, share * self.gaps)

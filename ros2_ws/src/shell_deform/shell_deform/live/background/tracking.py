@@ -23,7 +23,7 @@ from shell_deform.live.background.condensed import (
     SprungFactor,
     factorise_sprung,
 )
-from shell_deform.live.background.tracked_state import State, Target
+from shell_deform.live.background.tracked_state import Loose, State, Target
 from shell_deform.model import ShellModel, Tangent
 from shell_deform.solve.anderson import AndersonMixing
 from shell_deform.solve.equilibrium import Equilibrium, PathState
@@ -259,31 +259,34 @@ class EquilibriumTracker:
         # those of their tangent.
         return energy, gradient - now.pull(now.missing, gradient.size), now.missing
 
-    def _closed(self, state: State) -> Array:
+    def _closed(self, state: State, loose: Loose) -> Array:
         """(N,) gradient of a state with the gaps under its pins closed as the tangent does."""
         if self._pressures is None or not len(state.missing):
             return state.gradient
-        return state.gradient + self._pressures.pull(state.missing, state.gradient.size)
+        return state.gradient + self._pressures.pull(
+            state.missing - loose.gaps, state.gradient.size
+        )
 
-    def _moved(self, state: State, step: Array) -> Array:
+    def _moved(self, state: State, step: Array, loose: Loose) -> Array:
         """(N,) displacement after a step by the tangent at hand, with the pressures' own step."""
         if self._pressures is not None and len(state.missing):
-            step = self._pressures.followed(step, state.missing)
+            step = self._pressures.followed(step, state.missing - loose.gaps)
         return state.moved + step
 
     def _polish(self, target: Target) -> None:
         """One Newton step, if it is as short as the iterations promised."""
         state, tangent = self.state, self._tangent
         assert tangent is not None
-        step, multipliers, force = self._step(target, state, np.zeros(len(state.moved)))
+        nothing = self._loose().part(0.0)
+        step, multipliers, force = self._step(target, state, nothing)
         if not np.abs(step).max() < self.options.step * self._wall:
             return
         change = tangent.stiffness @ step
         change += tangent.gas_stiffness * tangent.gas_row * (tangent.gas_row @ step)
-        gradient = self._closed(state)
+        gradient = self._closed(state, nothing)
         self.state = replace(
             state,
-            moved=self._moved(state, step),
+            moved=self._moved(state, step, nothing),
             force=force,
             multipliers=multipliers,
             energy=state.energy + float((gradient + 0.5 * change) @ step),
@@ -312,7 +315,7 @@ class EquilibriumTracker:
         `message`.
         """
         start = self.present(target.driven)
-        loose = self._loose_force()
+        loose = self._loose()
         reached, step, self.tried = 0.0, 1.0, 0
         self._budget = self.options.tangents
         self.message = ''
@@ -323,7 +326,7 @@ class EquilibriumTracker:
             trial = min(1.0, reached + step)
             goal = start.towards(target, trial)
             self._path = (*self._path, self._passed(target.driven))[-PATH:]
-            found = self._iterate(goal, (1.0 - trial) * loose)
+            found = self._iterate(goal, loose.part(1.0 - trial))
             if found is not None:
                 self.state = found
                 self._target = goal if trial == 1.0 else None
@@ -349,25 +352,23 @@ class EquilibriumTracker:
             self._tangent = None
             self._system = None
 
-    def _loose_force(self) -> Array:
-        """(N,) force that keeps the present state but is no longer there.
-
-        A contact that left has taken its push and its grip with it: both are let go in steps.
-        """
+    def _loose(self) -> Loose:
+        """What keeps the present state but is no longer there."""
         rows, state = self._rows(), self.state
-        return state.gradient - rows.push @ state.force + rows.constraints @ state.multipliers
+        held = rows.constraints @ state.multipliers
+        return Loose(state.gradient - rows.push @ state.force + held, state.missing)
 
-    def _step(self, target: Target, state: State, extra: Array) -> tuple[Array, Array, Array]:
+    def _step(self, target: Target, state: State, loose: Loose) -> tuple[Array, Array, Array]:
         """Newton step (N,) from `state` by the tangent at hand, new multipliers and pushes."""
         rows, system, driven = self._rows(), self.system(), target.driven
         prescribed = np.concatenate([target.held, target.rigid])
         held, carried = rows.constraints @ state.multipliers, rows.push @ state.force
-        gradient = self._closed(state)
-        loose = carried + extra - held - gradient
+        gradient = self._closed(state, loose)
+        unbalanced = carried + loose.force - held - gradient
         # What a Newton step left in balance is not worth the triangular solves.
-        if np.linalg.norm(loose) < BALANCED * np.linalg.norm(gradient):
-            loose = np.zeros_like(loose)
-        step, multipliers = system.solve(loose, prescribed - rows.constraints.T @ state.moved)
+        if np.linalg.norm(unbalanced) < BALANCED * np.linalg.norm(gradient):
+            unbalanced = np.zeros_like(unbalanced)
+        step, multipliers = system.solve(unbalanced, prescribed - rows.constraints.T @ state.moved)
         more = np.where(driven, 0.0, target.force - state.force)
         if driven.any():
             missing = target.displacement - rows.measure.T @ (state.moved + step)
@@ -389,13 +390,15 @@ class EquilibriumTracker:
         control = np.where(driven, moved, state.force)
         return PathState(np.concatenate([control, state.grips.ravel()]), vector)
 
-    def _ahead(self, target: Target, extra: Array) -> State:
+    def _ahead(self, target: Target, loose: Loose) -> State:
         """Where the path through the last states leads; where the grips are if it says nothing."""
         state = self.state
         control = np.where(target.driven, target.displacement, target.force)
         control = np.concatenate([control, target.grips.ravel()])
         along = self._carried_along(target)
-        vector = predicted(self._path, control) if not extra.any() and along is None else None
+        vector = (
+            predicted(self._path, control) if not loose.force.any() and along is None else None
+        )
         if vector is None:
             return state if np.array_equal(state.grips, target.grips) else self._at(target, along)
         moved, force, multipliers = np.split(
@@ -443,19 +446,19 @@ class EquilibriumTracker:
         ]
         return (1.0 + len(ways)) * max(float(np.abs(way).max()) for way in ways)
 
-    def _iterate(self, target: Target, extra: Array) -> State | None:
-        """The state under `target` and dead nodal forces `extra` (N,), or None.
+    def _iterate(self, target: Target, loose: Loose) -> State | None:
+        """The state under `target` and what is still `loose`, or None.
 
         Accelerated chord iterations on the tangent at hand; where they contract too slowly, a new
         tangent.
         """
-        options, state = self.options, self._ahead(target, extra)
+        options, state = self.options, self._ahead(target, loose)
         mixing = AndersonMixing(len(state.moved))
         reach = self._reach(target)
         before, slow, tangents = np.inf, 0, options.tangents_per_step
         for _ in range(options.iterations):
             self.beat()
-            step, multipliers, force = self._step(target, state, extra)
+            step, multipliers, force = self._step(target, state, loose)
             self.iterations += 1
             self.tried += 1
             largest = float(np.abs(step).max(initial=0.0))
@@ -468,9 +471,9 @@ class EquilibriumTracker:
                 self.message = 'the iterations did not converge'
                 return None
             at = np.concatenate([state.moved, state.force, state.multipliers])
-            reached = np.concatenate([self._moved(state, step), force, multipliers])
+            reached = np.concatenate([self._moved(state, step, loose), force, multipliers])
             onward = mixing.next(at, reached - at)
-            found = self._judged(target, onward, extra)
+            found = self._judged(target, onward, loose)
             if found is None:
                 self.message = 'the surface folded onto itself'
                 return None
@@ -488,7 +491,7 @@ class EquilibriumTracker:
         self.message = 'the iterations did not converge'
         return None
 
-    def _judged(self, target: Target, onward: Array, extra: Array) -> State | None:
+    def _judged(self, target: Target, onward: Array, loose: Loose) -> State | None:
         """The state with these displacements, pushes and multipliers; None where it is none."""
         rows = self._rows()
         split = len(onward) - rows.contacts - rows.constraints.shape[1]
@@ -498,6 +501,6 @@ class EquilibriumTracker:
         held, carried = rows.constraints @ multipliers, rows.push @ force
         scale = max(float(np.linalg.norm(carried)), float(np.linalg.norm(held)), self._noise_force)
         state = State(moved, force, multipliers, energy, gradient, missing, np.inf, target.grips)
-        loose = self._closed(state) - carried - extra + held
-        residual = float(np.linalg.norm(loose)) / scale
+        unbalanced = self._closed(state, loose) - carried - loose.force + held
+        residual = float(np.linalg.norm(unbalanced)) / scale
         return replace(state, residual=residual) if np.isfinite(residual) else None

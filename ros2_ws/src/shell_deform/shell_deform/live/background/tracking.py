@@ -277,7 +277,7 @@ class EquilibriumTracker:
         """One Newton step, if it is as short as the iterations promised."""
         state, tangent = self.state, self._tangent
         assert tangent is not None
-        nothing = self._loose().part(0.0)
+        nothing = Loose(np.zeros_like(state.moved), np.zeros_like(state.missing))
         step, multipliers, force = self._step(target, state, nothing)
         if not np.abs(step).max() < self.options.step * self._wall:
             return

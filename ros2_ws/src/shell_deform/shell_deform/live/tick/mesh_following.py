@@ -95,12 +95,8 @@ class MeshFollower:
 
         `radius` [m]: smallest of the contacts.
         """
-        if (
-            adopted is None
-            or not (
-                adopted.coarseness > (COARSE_UNDER_BODIES if adopted.carries else COARSE)
-            ).any()
-        ):
+        most = COARSE_UNDER_BODIES if adopted is not None and adopted.carries else COARSE
+        if adopted is None or not (adopted.coarseness > most).any():
             self._places = np.zeros((0, 3))
             return None
         places = adopted.places

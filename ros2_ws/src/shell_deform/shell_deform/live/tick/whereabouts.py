@@ -84,6 +84,7 @@ class PlaceDoubt:
         self._adopted: Adopted | None = None
         self._sine = np.zeros(0)
         self._nearest = np.zeros(0, np.int64)
+        self._unmodelled: Array | None = None
 
     def adopt(self, adopted: Adopted, rest: Array, rest_normals: Array) -> None:
         """A new equilibrium of the surface `rest` (n, 3) [m], unit normals, without fingers."""
@@ -92,7 +93,7 @@ class PlaceDoubt:
         self._sine = np.linalg.norm(np.cross(turned, adopted.slot.normals), axis=1)
         away = np.linalg.norm(rest[:, None] - adopted.places[None], axis=2)
         self._nearest = away.argmin(axis=1) if len(adopted.places) else self._nearest[:0]
-        self._adopted, self._fresh = adopted, False
+        self._adopted, self._fresh, self._unmodelled = adopted, False, None
 
     def see(self, sample: ContactSample, pose: Pose, told_by_fingers: bool) -> None:
         """Take the points of a sample; once for every equilibrium and set of fingers."""
@@ -105,7 +106,7 @@ class PlaceDoubt:
             point_sigma(sample),
             told_by_fingers,
         )
-        self._fresh = True
+        self._fresh, self._unmodelled = True, None
 
     def pose_root(self, given: bool) -> Array:
         """(6, i) root of the covariance of the object's pose; one fitted to first touch, not
@@ -116,8 +117,15 @@ class PlaceDoubt:
 
     def unmodelled(self, adopted: Adopted) -> Array:
         """Sigma (n,) [m] of what no shell has, and of dents that may lie elsewhere."""
+        if adopted is not self._adopted:
+            return adopted.slot.unmodelled
+        if self._unmodelled is None:
+            self._unmodelled = self._with_places(adopted)
+        return self._unmodelled
+
+    def _with_places(self, adopted: Adopted) -> Array:
         known, unmodelled = self._known, adopted.slot.unmodelled
-        if adopted is not self._adopted or not (len(self._nearest) and known.along_surface.any()):
+        if not (len(self._nearest) and known.along_surface.any()):
             return unmodelled
         same = adopted.fingers[:, None] == known.fingers[None]
         sigma = np.where(same, known.along_surface, 0.0).max(axis=1)

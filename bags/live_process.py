@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import signal
 import subprocess
 import sys
 import time
@@ -29,6 +28,7 @@ from shape_msgs.msg import Mesh
 
 from bags.experiments import EXPERIMENTS
 from bags.live_bias import BAGS, HEAD, beside_solid, held_scans, shown
+from bags.processes import end_process
 from grasp_replay.experiment import read_experiment
 
 FIELDS = 11
@@ -48,12 +48,7 @@ def running(name: str, *arguments: object) -> Iterator[subprocess.Popen[bytes]]:
     try:
         yield process
     finally:
-        process.send_signal(signal.SIGINT)
-        try:
-            process.wait(20)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        end_process(process)
 
 
 class Listener:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import array
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -29,6 +28,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
+from bags.processes import end_process
 from bags.scanner import Scan
 from bags.stage import Stage, along_pins, quaternion
 
@@ -126,14 +126,7 @@ class Live:
     def stop(self) -> None:
         """End every process by SIGINT, the recorder last; kill what does not."""
         for name in sorted(self.processes, key=lambda name: name == 'record'):
-            process = self.processes[name]
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
-                try:
-                    process.wait(20.0)
-                except subprocess.TimeoutExpired:
-                    process.kill()
-                    process.wait()
+            end_process(self.processes[name])
         self.processes.clear()
 
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from bags.processes import end_process
 from docs.make_pictures import BAG, BALL, PICTURES
 from tests.chromium import chromium, new_tab
 
@@ -76,17 +76,8 @@ class _Processes(contextlib.ExitStack):
                     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
                 },
             )
-        self.callback(_end, process)
+        self.callback(end_process, process, 10.0)
         return log
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    process.send_signal(signal.SIGINT)
-    try:
-        process.wait(10)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
 
 
 def _wait(log: Path, text: str, seconds: float = 120.0) -> None:

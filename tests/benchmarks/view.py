@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-import signal
 import socket
 import subprocess
 import sys
@@ -36,7 +35,10 @@ from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh, MeshTriangle
 from websockets.sync.client import connect
 
-sys.path.append(str(Path(__file__).parents[2] / 'ros2_ws/src/grasp_view/test'))
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+sys.path.append(str(ROOT / 'ros2_ws/src/grasp_view/test'))
+from bags.processes import end_process  # noqa: E402
 from view_grasp import RADIUS, SURFACE_FIELDS, cloud  # noqa: E402
 
 from grasp_replay.report import RowScene, write_report  # noqa: E402
@@ -116,12 +118,7 @@ def process(*command: str) -> Iterator[subprocess.Popen[bytes]]:
     try:
         yield started
     finally:
-        started.send_signal(signal.SIGINT)
-        try:
-            started.wait(10)
-        except subprocess.TimeoutExpired:
-            started.kill()
-            started.wait()
+        end_process(started, 10.0)
 
 
 def free_port() -> int:

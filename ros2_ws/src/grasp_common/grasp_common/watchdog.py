@@ -28,7 +28,8 @@ STARVED_S = 30.0
 """One that found no processor for so long is given up [s]."""
 
 
-_PRCTL = ctypes.CDLL(None).prctl
+# Of Linux: on other systems a process is not told of its parent's end.
+_PRCTL = getattr(ctypes.CDLL(None), 'prctl', None)
 PR_SET_PDEATHSIG = 1
 """From linux/prctl.h."""
 
@@ -65,7 +66,7 @@ def wake_with_parent() -> None:
     stopped process sees nothing and would be left over. To one that runs it does nothing. Made to
     be a `preexec_fn`, before there is anything to stop: one system call that takes no lock.
     """
-    _PRCTL(PR_SET_PDEATHSIG, int(signal.SIGCONT))
+    _at_parents_end(signal.SIGCONT)
 
 
 def end_with_parent() -> None:
@@ -73,7 +74,12 @@ def end_with_parent() -> None:
 
     Not to terminate it: a process that somebody has stopped would not hear that.
     """
-    _PRCTL(PR_SET_PDEATHSIG, int(signal.SIGKILL))
+    _at_parents_end(signal.SIGKILL)
+
+
+def _at_parents_end(sent: signal.Signals) -> None:
+    if _PRCTL is not None:
+        _PRCTL(PR_SET_PDEATHSIG, int(sent))
 
 
 def is_stopped(pid: int) -> bool:

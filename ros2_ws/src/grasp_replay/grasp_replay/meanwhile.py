@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import TypeVar
 
-from shell_deform.compiled.first_use import end_with_parent
+from grasp_common.watchdog import end_with_parent
 from shell_deform.compiled.halves import one_core
 
 T = TypeVar('T')

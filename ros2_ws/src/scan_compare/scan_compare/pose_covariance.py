@@ -144,14 +144,13 @@ def _shared(influence: Influence, groups: np.ndarray, doubt: float) -> np.ndarra
     of_columns = _by_group(inside, columns, groups, count)
     of_taken = _by_group(taken, rows, groups, count)
     # Scores s = K' e of all groups: their own rows, less what the fit took out of them.
-    score = np.column_stack(
-        [np.bincount(groups, influence.distance * c, minlength=count) for c in inside.T]
-    )
+    distance = influence.distance[:, None]
+    score = _by_group(inside, distance, groups, count)[:, :, 0]
     parts = (slice(0, 3), slice(3, 6))
     # The squares of K, weighed by those of the distances: within the group, across, the fit's.
-    noisy = taken * (influence.distance**2)[:, None]
+    noisy = taken * distance**2
     noise = (
-        _by_group(inside**2, (influence.distance**2)[:, None], groups, count)[:, :, 0]
+        _by_group(inside**2, distance**2, groups, count)[:, :, 0]
         - 2.0 * np.einsum('gik,gik->gi', _by_group(inside, noisy, groups, count), of_columns)
         + np.einsum('gik,kl,gil->gi', of_columns, taken.T @ noisy, of_columns)
     )

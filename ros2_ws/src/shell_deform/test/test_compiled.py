@@ -125,7 +125,7 @@ def test_without_the_compiler_everything_is_imported_and_solved_in_plain_numpy()
 def test_what_compiles_ends_with_a_parent_that_is_killed():
     code = (
         'import os, signal, time\n'
-        'from shell_deform.compiled.first_use import end_with_parent\n'
+        'from grasp_common.watchdog import end_with_parent\n'
         'if os.fork() == 0:\n'
         '    end_with_parent()\n'
         '    print("child", flush=True)\n'

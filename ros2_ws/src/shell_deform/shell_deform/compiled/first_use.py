@@ -7,20 +7,19 @@ The first import of a kernel does so where no earlier start has; `make setup` do
 
 from __future__ import annotations
 
-import ctypes
 import fcntl
 import gc
 import hashlib
 import importlib
 import multiprocessing
 import os
-import signal
 import subprocess
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+from grasp_common.watchdog import end_with_parent
 from shell_deform.compiled.cache import HAVE_NUMBA, cache_folder, kernel_sources
 
 # What most kernels need, then what one process compiles in one go, the longest first. A module
@@ -39,9 +38,6 @@ KERNELS = (
     'shell_deform.live.tick.serve_kernel',
     'shell_deform.grasp.cone_kernel',
 )
-
-PR_SET_PDEATHSIG = 1
-"""Of Linux's prctl(2)."""
 
 COMPILING = 'SHELL_DEFORM_COMPILING'
 """Environment variable of the processes that compile."""
@@ -68,15 +64,9 @@ def compile_kernels(processes: int) -> None:
     for module in COMMON:
         importlib.import_module(module)
     forked = multiprocessing.get_context('fork')
+    # A child that outlives this process would keep the lock for ever.
     with ProcessPoolExecutor(processes, forked, initializer=end_with_parent) as pool:
         list(pool.map(_compile, KERNELS))
-
-
-def end_with_parent() -> None:
-    """Be killed when the process that started this one is: it would keep the lock for ever."""
-    libc = ctypes.CDLL(None)
-    if hasattr(libc, 'prctl'):
-        libc.prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL))
 
 
 def _compile(module: str) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from pathlib import Path
 from typing import TypeVar
 
@@ -57,10 +58,12 @@ class FingerBodies:
 
     def touching(self, shell_object: ShellObject, places: Array) -> ShellObject:
         """The object touched at places (k, 3) [m] by the narrowest body: its mesh is for that."""
-        _, path, unit = min(self.files, key=lambda one: load_body(one[1], one[2]).size)
-        size = load_body(path, unit).size
+        fingers = [
+            (load_body(path, unit).size, Finger(path, unit)) for _, path, unit in self.files
+        ]
+        size, finger = min(fingers, key=itemgetter(0))
         contacts = tuple(
-            Contact((float(x), float(y), float(z)), size, 'fingertip', finger=Finger(path, unit))
+            Contact((float(x), float(y), float(z)), size, 'fingertip', finger=finger)
             for x, y, z in places
         )
         return replace(shell_object, contacts=contacts)

@@ -103,10 +103,8 @@ def fit_report(mesh: ControlMesh, target: Target) -> FitReport:
     points = _matrix(rows, mesh.vertex_count) @ mesh.vertices
     foot, _ = target.project(points)
     distance = np.linalg.norm(points - foot, axis=1)
-    sides = mesh.vertices[np.roll(mesh.triangles, -1, axis=1)] - mesh.vertices[mesh.triangles]
-    length = np.linalg.norm(sides, axis=2)
-    cosine = -np.einsum('tij,tij->ti', sides, np.roll(sides, 1, axis=1))
-    cosine /= length * np.roll(length, 1, axis=1)
+    corners = mesh.vertices[mesh.triangles]
+    length = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
     return FitReport(
         vertices=mesh.vertex_count,
         irregular_vertices=len(mesh.irregular_vertices),
@@ -114,7 +112,7 @@ def fit_report(mesh: ControlMesh, target: Target) -> FitReport:
         maximum_error_m=float(distance.max()),
         shortest_edge_m=float(length.min()),
         longest_edge_m=float(length.max()),
-        smallest_angle_deg=float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)).min())),
+        smallest_angle_deg=float(_angles(corners)[0].min()),
     )
 
 
@@ -132,18 +130,17 @@ def raised(mesh: ControlMesh, target: Target) -> ControlMesh:
 
 def thin_share(mesh: ControlMesh) -> float:
     """Share of the active surface on triangles with an angle below `THIN_TRIANGLE` [-]."""
-    angle, area = _angles(mesh)
+    angle, area = _angles(mesh.vertices[mesh.triangles[mesh.active]])
     return float(area[angle < THIN_TRIANGLE].sum() / area.sum())
 
 
 def thinnest(mesh: ControlMesh) -> float:
     """Smallest angle of an active triangle [degrees]."""
-    return float(_angles(mesh)[0].min())
+    return float(_angles(mesh.vertices[mesh.triangles[mesh.active]])[0].min())
 
 
-def _angles(mesh: ControlMesh) -> tuple[FloatArray, FloatArray]:
-    """Smallest angle [degrees] and area [m^2] of every active triangle."""
-    corners = mesh.vertices[mesh.triangles[mesh.active]]
+def _angles(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Smallest angle [degrees] and area [m^2] of triangles by their corners (t, 3, 3)."""
     edges = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(edges, axis=2)
     area = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)

@@ -34,7 +34,7 @@ fi
 kernels=$venv/lock-kernels.txt
 awk '/^[a-z]/ { keep = /^(llvmlite|numba|numpy|scipy)==/ } keep' "$lock" > "$kernels"
 install "$kernels"
-PYTHONPATH=ros2_ws/src/shell_deform "$venv/bin/python" -m shell_deform.compiled.first_use &
+PYTHONPATH=ros2_ws/src/grasp_common:ros2_ws/src/shell_deform "$venv/bin/python" -m shell_deform.compiled.first_use &
 compiling=$!
 trap 'kill $compiling 2>/dev/null || true' EXIT
 install "$lock"

@@ -44,6 +44,12 @@ class GaugeFit:
     weighings: tuple[Weighing, ...]
     residuals_nm: tuple[float, ...]
 
+    @property
+    def one_way(self) -> bool:
+        """Whether the weights only rose, or only fell: then no hysteresis can be seen."""
+        steps = np.diff([weighing.torque_nm for weighing in self.weighings])
+        return bool((steps >= 0.0).all() or (steps <= 0.0).all())
+
 
 def read_weighings(path: Path) -> dict[int, list[Weighing]]:
     """Read a CSV table of known weights.
@@ -130,8 +136,10 @@ def fit_gauge(
             counts, torque, reference, span, degree, noise_nm
         )
     else:
-        table_counts, table_torque, left = _table(counts, torque)
+        table_counts, table_torque, left, apart = _table(counts, torque)
         scatter = max(_widened(left, len(left)), noise_nm)
+        if apart.any():
+            scatter = max(scatter, _widened(apart, len(torque) - len(table_torque)))
         relative = 1.0 / (math.sqrt(12.0) * span)
     law = GaugeCalibration(
         kind=kind,
@@ -196,10 +204,14 @@ def _polynomial(
     return tuple(float(c) for c in law.coef), scatter, relative
 
 
-def _table(counts: Array, torque: Array) -> tuple[tuple[float, ...], tuple[float, ...], Array]:
-    """Mean counts and torques of the levels, and how far the inner ones are off their neighbours.
+def _table(
+    counts: Array, torque: Array
+) -> tuple[tuple[float, ...], tuple[float, ...], Array, Array]:
+    """Mean counts and torques of the levels, and what the table leaves over, in torques.
 
     A table passes through its own weights: only a level left out shows how well it tells others.
+    So: how far the inner levels are off their neighbours, and how far each weighing is off the
+    mean of its level, which keeps what a gauge that lags reads on the way up and on the way down.
     """
     levels = np.unique(torque)
     means = np.array([float(counts[torque == level].mean()) for level in levels])
@@ -207,7 +219,9 @@ def _table(counts: Array, torque: Array) -> tuple[tuple[float, ...], tuple[float
         raise CalibrationError('counts do not rise with the torque: check the signs of masses')
     share = (means[1:-1] - means[:-2]) / (means[2:] - means[:-2])
     told = levels[:-2] + share * (levels[2:] - levels[:-2])
-    return tuple(map(float, means)), tuple(map(float, levels)), told - levels[1:-1]
+    level = np.searchsorted(levels, torque)
+    apart = (counts - means[level]) * np.gradient(levels, means)[level]
+    return tuple(map(float, means)), tuple(map(float, levels)), told - levels[1:-1], apart
 
 
 def fit_hand(

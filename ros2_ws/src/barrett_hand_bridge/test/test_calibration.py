@@ -154,6 +154,37 @@ def test_a_table_tells_from_its_left_out_weights_how_well_it_tells():
     assert straight.gauge.residual_nm < 1e-12
 
 
+def lagging(kind, counts, both_ways=True):
+    """Fit a gauge that reads `counts` more on the way down than on the way up, and half less."""
+    up = np.linspace(0.0, 1.0, 5)
+    order = [*up, *up[-2::-1]] if both_ways else up
+    half = [-0.5 * counts] * 5 + [0.5 * counts] * 4
+    return fit_gauge(
+        [Weighing(t, 120 + 100 * t + d, 0.0) for t, d in zip(order, half, strict=False)], kind=kind
+    )
+
+
+@pytest.mark.parametrize('kind', ['cubic', 'table'])
+def test_a_gauge_that_lags_holds_its_90_percent_level_when_weighed_up_and_down(kind):
+    fit = lagging(kind, 2.0)
+    # Tared after a release and loaded again, it reads all of the lag too little.
+    assert 0.7 < 0.02 / (np.sqrt(2.0) * fit.gauge.residual_nm) < 1.645
+    assert not fit.one_way
+
+
+def test_what_a_table_keeps_of_a_lag_is_student_s_interval_of_its_levels():
+    # Eight weighings are one count off the mean of their level; nine less five means leave four.
+    off = 0.01 * np.sqrt(8 / 4) * 2.1318 / 1.6449
+    assert lagging('table', 2.0).gauge.residual_nm == pytest.approx(off, rel=0.02)
+
+
+@pytest.mark.parametrize('kind', ['cubic', 'table'])
+def test_weights_that_only_rise_show_no_lag_and_say_so(kind):
+    fit = lagging(kind, 2.0, both_ways=False)
+    assert fit.gauge.residual_nm < 1e-9
+    assert fit.one_way
+
+
 def test_falling_counts_are_refused():
     with pytest.raises(CalibrationError, match='falls'):
         fit_gauge(weighings(lambda t: 120 - 100 * t))
@@ -242,7 +273,22 @@ def test_hand_calibrate_prints_every_residual(tmp_path, capsys):
     table = tmp_path / 'weights.csv'
     table.write_text('\n'.join(weighing_table(HandMechanics(HandBody(), 5), 5)))
     assert hand_calibrate.main([str(table), '--calibration', str(tmp_path / 'hand.yaml')]) == 0
-    assert capsys.readouterr().out.count('1.1768') == 3
+    told = capsys.readouterr().out
+    assert told.count('1.1768') == 3
+    assert 'hysteresis' not in told
+
+
+def test_hand_calibrate_says_whose_weights_show_no_hysteresis(tmp_path, capsys):
+    table = tmp_path / 'weights.csv'
+    rising = [
+        f'{finger},{0.25 * k},0.05,{120 + 12 * k},0.5' for finger in (1, 3) for k in range(6)
+    ]
+    up_and_down = [f'2,{mass},0.05,{120 + 48 * mass},0.5' for mass in (0, 0.5, 1, 1.5, 2, 1, 0)]
+    table.write_text(
+        '\n'.join(['finger,mass_kg,arm_m,counts,noise_counts', *rising, *up_and_down])
+    )
+    assert hand_calibrate.main([str(table), '--calibration', str(tmp_path / 'hand.yaml')]) == 0
+    assert 'finger 1, 3: the weights were hung in one direction only' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -101,6 +101,7 @@ def _document(fits: Mapping[int, GaugeFit], out: Path) -> dict[str, object]:
                 'relative_sigma': fit.gauge.relative_sigma,
                 'zero_counts': fit.gauge.reference_counts,
                 'valid_torque_nm': fit.gauge.valid_torque_nm,
+                'one_way': fit.one_way,
             }
             for finger, fit in fits.items()
         },
@@ -119,6 +120,12 @@ def _print(fits: Mapping[int, GaugeFit], out: Path) -> None:
         print('    torque N m   counts   residual mN m')
         for weighing, residual in zip(fit.weighings, fit.residuals_nm, strict=True):
             print(f'    {weighing.torque_nm:10.4f} {weighing.counts:8.2f} {1e3 * residual:15.2f}')
+    one_way = ', '.join(str(finger) for finger, fit in fits.items() if fit.one_way)
+    if one_way:
+        print(
+            f'finger {one_way}: the weights were hung in one direction only, so what the gauge '
+            'keeps of its last load (hysteresis) is not in the scatter; hang them up and down'
+        )
     print(f'written: {out}')
 
 

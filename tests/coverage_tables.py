@@ -23,7 +23,7 @@ from bags.drawn_squeezes import solid_ball, squeezes, thin_ball  # noqa: E402
 from bags.live_bias import Wall  # noqa: E402
 from bags.scanner import MISFITS as SCANNERS  # noqa: E402
 from dent_depth import of_pipeline, scanned_again  # noqa: E402
-from scan_shells import occlude, odd_body, scan_points  # noqa: E402
+from scan_shells import SCANNER_SIGMA, occlude, odd_body, scan_points  # noqa: E402
 
 from barrett_hand_bridge.contacts import FLAG_CONTACT  # noqa: E402
 from barrett_hand_bridge.emulator.misfit import MISFITS  # noqa: E402
@@ -53,6 +53,7 @@ SURFACE_LOADS_N = (5.0, 10.0, 16.0)
 RECORDED = ('tennis_ball_two_finger', 'tennis_ball_three_finger', 'cup_off_axis', 'half_soda_can')
 SOLID_WALL = Wall('thick', 14.196e6, 0.49)
 VIEW_M, LINE_M, LINE_SIGMA_M = 0.05e-3, 1e-3, 0.05e-3
+ROUND_M, ROUND_SIGMA_M, WAVE_M, WAVE_HEIGHT_M = 0.1e-3, 0.02e-3, 8e-3, 0.07e-3
 SCANS = {
     'white noise, all seen': 'known',
     'white noise, 30 % seen': 'known',
@@ -62,6 +63,9 @@ SCANS = {
     'overlapping views off by 0.05 mm, not numbered': 'misfit: nobody says which view',
     'noise alike along laser lines': 'misfit: 0.05 mm for each millimetre of height',
     'fringes at edges, missing rows': 'misfit: 5 % of the points 0.3 mm out, a third of the rows',
+    'heavy tails': "misfit: Student's noise of three degrees, as large as the usual one",
+    'rounded': 'misfit: coordinates in steps of 0.1 mm, hardly any noise beside',
+    'stripes': 'misfit: waves of 0.07 mm, 8 mm long, beside the noise',
 }
 
 
@@ -230,6 +234,18 @@ def scanned(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray | None]:
         points = points + (size * generator.standard_normal((10, 3)))[view]
         return points, None if 'not numbered' in kind else view
     outward = points / np.linalg.norm(points, axis=1)[:, None]
+    if kind in ('heavy tails', 'rounded'):
+        exact = scan_points(
+            odd_body(), 2_500, 0.0 if kind == 'heavy tails' else ROUND_SIGMA_M, seed
+        )
+        if kind == 'rounded':
+            return ROUND_M * np.round(exact / ROUND_M), None
+        drawn = generator.standard_t(3, exact.shape) / np.sqrt(3.0)
+        return exact + SCANNER_SIGMA * drawn, None
+    if kind == 'stripes':
+        across = generator.standard_normal(3)
+        phase = points @ across / np.linalg.norm(across) / WAVE_M + generator.random()
+        return points + WAVE_HEIGHT_M * np.sin(2.0 * np.pi * phase)[:, None] * outward, None
     if 'lines' in kind:
         line = np.floor((points[:, 2] + 0.1) / LINE_M).astype(int)
         return points + (LINE_SIGMA_M * generator.standard_normal(200))[line, None] * outward, None

@@ -60,7 +60,7 @@ def rows() -> Iterator[Row]:
             less = travel - known.travel(state.force, np.full(2, ball['pin_radius_m']))
             bent = solver.solve(displaced(pins, less), state)
             field = middle - model.surface.limit_positions(bent.positions)
-            sigma = np.linalg.norm(field, axis=1)
+            sigma = np.abs(np.einsum('ni,ni->n', normals, field))
             ratio = off / np.maximum(sigma, 1e-9)
             dent = beyond & (moved > DENT * moved.max())
             gathered.append(np.column_stack((ratio, area))[dent])

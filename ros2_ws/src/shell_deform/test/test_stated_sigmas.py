@@ -506,9 +506,13 @@ def test_what_a_thin_wall_lacks_is_the_shear_dent_of_its_pins(
     monkeypatch.setattr(shear_dent, 'wall_ratio', lambda _model: 0.0)
     flat = ShearDent(SimpleNamespace(shell=shell, rest=box)).travel(force, radius)
     assert flat / lost == pytest.approx((np.log([60.0, 3.0]) + 0.5) / (np.log([8.0, 1.0]) + 0.5))
-    # Each pin moves its own vertex by 2 mm/N and goes in by 1 mm/N.
+    # Each pin moves its own vertex by 2 mm/N and goes in by 1 mm/N; along the surface, that is
+    # no error of its shape.
     columns = np.zeros((3, 3, 2))
-    columns[0, 2, 0] = columns[1, 0, 1] = 2e-3
-    found = known.sigma(force, radius, columns, 1e-3 * np.eye(2))
-    assert found == pytest.approx([2.0 * lost[0], 2.0 * lost[1], 0.0])
-    assert known.sigma(np.zeros(0), np.zeros(0), columns[..., :0], np.zeros((0, 0))).shape == (3,)
+    columns[0, 2, 0] = columns[1, 0, 1] = columns[2, 1, 1] = 2e-3
+    normals = np.array([[0.0, 0.6, -0.8], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    found = known.sigma(force, radius, columns, 1e-3 * np.eye(2), normals)
+    assert found == pytest.approx([2.0 * 0.8 * lost[0], 2.0 * lost[1], 0.0])
+    nobody = np.zeros(0)
+    free = known.sigma(nobody, nobody, columns[..., :0], np.zeros((0, 0)), normals)
+    assert free.shape == (3,)

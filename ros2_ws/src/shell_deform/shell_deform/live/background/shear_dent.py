@@ -36,11 +36,13 @@ class ShearDent:
         spread = np.log(np.maximum(self._reach / radius, 1.0)) + 0.5
         return np.asarray(np.abs(force) * spread / (2.0 * np.pi * self._stiffness))
 
-    def sigma(self, force: Array, radius: Array, columns: Array, displacement_by: Array) -> Array:
-        """Sigma (n,) [m] of a thin wall's shape.
+    def sigma(
+        self, force: Array, radius: Array, columns: Array, displacement_by: Array, normals: Array
+    ) -> Array:
+        """Sigma (n,) [m] of a thin wall's shape along its normals (n, 3).
 
         `columns` (n, 3, k): motion of the surface per unit push, `displacement_by` (k, k) that of
-        the pins.
+        the pins. What moves along the surface leaves its shape, as in all other parts of sigma.
         """
         push = np.linalg.lstsq(displacement_by, self.travel(force, radius), rcond=None)[0]
-        return np.asarray(np.linalg.norm(columns @ push, axis=1))
+        return np.asarray(np.abs(np.einsum('ni,nij,j->n', normals, columns, push)))

@@ -304,6 +304,7 @@ class LiveSolver:
         note = placement.open_directions if placement is not None and not self.message else ''
         surface = self.model.surface.limit_positions(positions)
         contacts = self.contacts.contacts
+        normals = self.model.surface.vertex_normals(positions)
         answer = Answer(
             numbers={
                 'stamp': self._stamp,
@@ -347,14 +348,14 @@ class LiveSolver:
             linear=self._linear_columns,
             message=self.message or note,
             surface=surface,
-            normals=self.model.surface.vertex_normals(positions),
+            normals=normals,
             energy_density=self._energy_density.at(positions),
         )
         write(slot, answer, self._wall)
         self._grasp.fill(slot.record)
         if self.gripping is not None:
             self.gripping.fill(slot)
-        slot.unmodelled[:] = self._unmodelled(columns, present.displacement)
+        slot.unmodelled[:] = self._unmodelled(columns, present.displacement, normals)
         if self._face is not None and slot.outer is not None and slot.outer_slope is not None:
             slot.outer[:], slot.outer_slope[:] = self._face.offset(), self._face.slope
 
@@ -490,15 +491,18 @@ class LiveSolver:
         field = self.model.surface.limit_fields(bend[:, None])[:, :, 0]
         self._second.from_rest(field, push, direction, self._nearly_at_rest())
 
-    def _unmodelled(self, columns: Columns, displacement: Array) -> Array:
-        """Sigma (n,) [m] of what the theory has not, under contacts displaced by (k,) [m]."""
+    def _unmodelled(self, columns: Columns, displacement: Array, normals: Array) -> Array:
+        """Sigma (n,) [m] along `normals` (n, 3) of what the theory has not.
+
+        The contacts are displaced by (k,) [m].
+        """
         patches, k = self.contacts.patches, len(displacement)
         if self._shear_dent is None:
             return unmodelled(self.unloaded_surface, self._wall, patches, displacement)
         radius = np.array([patch.radius for patch in patches])
         return self._shear_dent.sigma(
             self.tracker.state.force, radius, columns.columns[..., :k],
-            columns.displacement_by[:, :k],
+            columns.displacement_by[:, :k], normals,
         )  # fmt: skip
 
     def _carried(self, surface: Array) -> Pose:

@@ -2,11 +2,13 @@
 """Do the tests see? Small changes of the code, sampled by a seed, each run against its tests.
 
 A mutant changes one thing on one line: a comparison, a sign, an operator, a constant, or
-`and`/`or`. It is killed when a test fails, survives when all pass, and is undecided when time runs
-out. The tests of a mutant are the quick files nearest to it: those that import its module, then
-those that import what imports it; first of all those that name what the module defines. Compiled
-kernels are reached through their plain twins, so a mutant costs no compilation; everything else
-runs with the kernels as they are compiled. Works in copies: the checkout is never changed.
+`and`/`or`. It is killed when a test fails that passes without it, survives when all pass, and is
+undecided when one hangs. The tests of a mutant are the quick ones of the files nearest to it:
+those that import its module, then those that import what imports it; of each file those come
+first that name the function it is in. A test that takes longer than `QUICK_S` is stopped, and is
+asked only when `--slow` gives it time. Compiled kernels are reached through their plain twins, so
+a mutant costs no compilation; everything else runs with the kernels as they are compiled. Works
+in copies: the checkout is never changed.
 """
 
 from __future__ import annotations
@@ -24,12 +26,13 @@ import tempfile
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from queue import Queue
 
 from tests.patience import Patience
+from tests.quick_tests import LIMITS, Limits, Told, read_told
 
 from shell_deform.compiled.cache import kernel_sources
 
@@ -39,27 +42,45 @@ GOAL = 0.9
 # Pages, tables of parameters and pictures: nothing there decides a number.
 LEFT_OUT = ('__init__', 'parameters', 'picture', '_node', 'page', 'setup')
 # Files of tests that start processes: seconds to minutes each.
-SLOW = (
-    *('_node', 'two_processes', 'fuzz', 'worker', 'faults', 'command', 'emulator', 'bags', 'job'),
-    *('conformance', 'campaign', 'recorded'),
-)
+SLOW = ('_node', 'two_processes', 'fuzz', 'worker', 'conformance', 'campaign', 'recorded')
 # So many files of tests, the nearest first, judge a mutant.
 NEAREST = 6
+# A test that takes more processor time than this is slow; all of a mutant's together get so much,
+# and whoever waits for longer than `HANGS_S` hangs [s].
+QUICK_S, TOGETHER_S, HANGS_S = 1.0, 20.0, 90.0
 COMPARISONS = {
     ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt,
     ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
 }  # fmt: skip
+COMMAND = (
+    *(sys.executable, '-m', 'pytest', '-q', '-o', 'timeout=0'),
+    *('-p', 'no:cacheprovider', '-p', 'tests.quick_tests'),
+)
+# So many of the tests that were stopped are asked whether they take long without the change, too.
+FIRST_STOPPED = 2
+# What pytest ends with where a conftest cannot be read.
+CANNOT_BEGIN = 4
 OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult}
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """One changed file: where, what was there and the whole new text."""
+    """One changed file: where, in which function, what was there and the whole new text."""
 
     path: Path
     line: int
+    within: tuple[str, ...]
     change: str
     text: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`killed`, `survived`, `undecided` or `no test`; the test that killed, the first stopped."""
+
+    word: str
+    test: str = ''
+    stopped: tuple[str, ...] = ()
 
 
 def _changed(node: ast.AST) -> str | None:
@@ -85,7 +106,7 @@ def _changed(node: ast.AST) -> str | None:
 def places(path: Path) -> list[int]:
     """Numbers of the nodes of a file's tree, as `ast.walk` meets them, that can be changed."""
     tree = ast.parse(path.read_text(encoding='utf-8'))
-    alike = _alike(tree)
+    alike = _alike(tree) | _compiled(tree)
     return [
         index
         for index, node in enumerate(ast.walk(tree))
@@ -100,31 +121,52 @@ def mutant_at(path: Path, index: int) -> Mutant:
     node = list(ast.walk(tree))[index]
     change = _changed(node)
     assert change is not None
-    return Mutant(path, getattr(node, 'lineno', 0), change, ast.unparse(tree))
+    line = getattr(node, 'lineno', 0)
+    within = tuple(
+        one.name
+        for one in ast.walk(tree)
+        if isinstance(one, ast.FunctionDef | ast.ClassDef)
+        and one.lineno <= line <= (one.end_lineno or line)
+    )
+    return Mutant(path, line, within, change, ast.unparse(tree))
+
+
+def _inside(parts: list[ast.AST | None]) -> set[tuple[int, int]]:
+    """Where everything inside these parts of a tree stands."""
+    nodes = [node for part in parts if part is not None for node in ast.walk(part)]
+    return {(node.lineno, node.col_offset) for node in nodes if hasattr(node, 'lineno')}
+
+
+def _compiled(tree: ast.AST) -> set[tuple[int, int]]:
+    """What is there for a compiler alone."""
+    named = [node for node in ast.walk(tree) if isinstance(node, ast.If)]
+    return _inside([node for node in named if ast.unparse(node.test) == 'HAVE_NUMBA'])
 
 
 def _alike(tree: ast.AST) -> set[tuple[int, int]]:
     """Where a change changes nothing: annotations, and the -1 of a reshape, as good as any -2."""
-    found: set[tuple[int, int]] = set()
+    parts: list[ast.AST | None] = []
     for node in ast.walk(tree):
-        parts = [getattr(node, 'annotation', None), getattr(node, 'returns', None)]
+        parts += [getattr(node, 'annotation', None), getattr(node, 'returns', None)]
         if isinstance(node, ast.Call) and getattr(node.func, 'attr', '') == 'reshape':
             parts += [a for a in node.args if isinstance(a, ast.UnaryOp)]
-        for part in parts:
-            if part is not None:
-                found |= {(n.lineno, n.col_offset) for n in ast.walk(part) if hasattr(n, 'lineno')}
-    return found
+    return _inside(parts)
+
+
+@cache
+def kernels() -> frozenset[Path]:
+    """Sources whose change compiles everything anew."""
+    return frozenset(kernel_sources())
 
 
 def modules() -> list[Path]:
-    """The modules that can be reached without a compiler."""
-    kernels = set(kernel_sources())
+    """The modules that can be reached without a compiler; of kernels those with a twin inside."""
     found = []
     for path in sorted((ROOT / SOURCES).glob('*/*/**/*.py')):
         inside = path.relative_to(ROOT / SOURCES).parts
         if inside[0] != inside[1] or any(part in path.stem for part in LEFT_OUT):
             continue
-        if path not in kernels:
+        if path not in kernels() or 'if HAVE_NUMBA:' in path.read_text(encoding='utf-8'):
             found.append(path)
     return found
 
@@ -182,8 +224,10 @@ def tests_of(path: Path) -> list[Path]:
         node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.ClassDef)
     }
 
-    def rank(test: Path) -> tuple[int, int]:
-        return -len(defined & words(test)), test.stat().st_size
+    def rank(test: Path) -> tuple[bool, bool, int, int]:
+        elsewhere = test.relative_to(ROOT).parts[:3] != path.relative_to(ROOT).parts[:3]
+        known = len(defined & words(test))
+        return elsewhere, path.stem not in test.stem, -known, test.stat().st_size
 
     seen, tests, front = {path}, [], [path]
     while front and len(tests) < NEAREST:
@@ -212,69 +256,96 @@ class Copy:
         for name in ('bags', 'docs', 'tests'):
             (folder / name).symlink_to(ROOT / name)
 
-    def judge(self, mutant: Mutant, seconds: float) -> str:
-        """Run the tests of a mutant: `killed`, `survived`, `undecided` or `no test`."""
+    def judge(self, mutant: Mutant, slow_s: float) -> Verdict:
+        """Run the tests of a mutant; the slow ones for so long, if the quick ones pass [s]."""
         chosen = tests_of(mutant.path)
         if not chosen:
-            return 'no test'
+            return Verdict('no test')
         changed = self.folder / mutant.path.relative_to(ROOT)
         before = changed.read_text(encoding='utf-8')
         changed.write_text(mutant.text, encoding='utf-8')
         try:
-            return self._run(chosen, seconds)
+            return self._run(mutant, [str(test.relative_to(ROOT)) for test in chosen], slow_s)
         finally:
             changed.write_text(before, encoding='utf-8')
 
-    def _run(self, chosen: list[Path], seconds: float) -> str:
+    def _run(self, mutant: Mutant, chosen: list[str], slow_s: float) -> Verdict:
+        told = self.tests(chosen, mutant)
+        stopped = told.slow[:FIRST_STOPPED]
+        if told.slow and not told.failed and slow_s:
+            told = self.tests(list(told.slow), mutant, slow_s)
+        if told.failed:
+            return Verdict('killed', told.failed)
+        return Verdict('undecided' if told.hangs else 'survived', stopped=stopped)
+
+    def tests(self, names: list[str], mutant: Mutant | None, slow_s: float = 0.0) -> Told:
+        """Run tests till one fails: the quick ones, or all of them for a while."""
         packages = [str(p) for p in (self.folder / SOURCES).iterdir() if p.is_dir()]
+        together = (slow_s or TOGETHER_S) if mutant is not None else float('inf')
+        limits = Limits(
+            slow_s or QUICK_S, together,
+            mutant.within if mutant is not None else (), str(self.folder / 'told.json'),
+        )  # fmt: skip
         environment = os.environ | {
-            'PYTHONPATH': os.pathsep.join(packages),
+            'PYTHONPATH': os.pathsep.join([*packages, str(self.folder)]),
             'PYTHONDONTWRITEBYTECODE': '1',
+            LIMITS: limits.text,
         }
-        command = [sys.executable, '-m', 'pytest', '-x', '-q', '-p', 'no:cacheprovider']
-        verdict = 'survived'
-        # One package at a time: each has a conftest of its own.
-        for package in dict.fromkeys(test.parent for test in chosen):
-            files = [t.relative_to(ROOT) for t in chosen if t.parent == package]
-            process = subprocess.Popen(
-                [*command, *map(str, files)],
-                cwd=self.folder, env=environment, start_new_session=True,
-                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            )  # fmt: skip
-            patience = Patience(seconds)
-            while process.poll() is None and not patience.over:
-                time.sleep(0.05)
-            if process.poll() is None:
-                os.killpg(process.pid, 9)
-                process.wait()
-            # 1: tests failed; 2 and 4: a file of tests, a conftest could not be read. 0 and 5: all
-            # passed, none was selected.
-            if process.returncode in (1, 2, 4):
-                return 'killed'
-            if process.returncode not in (0, 5):
-                verdict = 'undecided'
-        return verdict
+        if mutant is not None and mutant.path in kernels():
+            environment['NUMBA_DISABLE_JIT'] = '1'
+        Path(limits.told).unlink(missing_ok=True)
+        process = subprocess.Popen(
+            [*COMMAND, *(() if mutant is None else ('-x',)), *names],
+            cwd=self.folder, env=environment, start_new_session=True,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        patience = Patience(max(HANGS_S, 2.0 * slow_s) if mutant is not None else 600.0)
+        while process.poll() is None and not patience.over:
+            time.sleep(0.05)
+        hangs = process.poll() is None
+        if hangs:
+            os.killpg(process.pid, 9)
+            process.wait()
+        told = read_told(Path(limits.told))
+        if process.returncode == CANNOT_BEGIN:
+            told = replace(told, failed=names[0])
+        return replace(told, hangs=hangs)
 
 
-def judged(sample: list[Mutant], seconds: float, processes: int) -> list[str]:
+def judged(sample: list[Mutant], slow_s: float, processes: int) -> list[Verdict]:
     """The verdicts, in order; each is told on stderr as it comes."""
     with tempfile.TemporaryDirectory() as folder:
         free: Queue[Copy] = Queue()
         for number in range(processes):
             free.put(Copy(Path(folder) / str(number)))
 
-        def judge(mutant: Mutant) -> str:
+        def judge(mutant: Mutant) -> Verdict:
             copy = free.get()
             try:
-                verdict = copy.judge(mutant, seconds)
+                verdict = copy.judge(mutant, slow_s)
             finally:
                 free.put(copy)
             where = f'{mutant.path.relative_to(ROOT / SOURCES)}:{mutant.line}'
-            print(f'{verdict:9}  {where}  {mutant.change}', file=sys.stderr, flush=True)
+            found = f'{verdict.word:9}  {where}  {mutant.change}  {verdict.test}'
+            print(found, file=sys.stderr, flush=True)
             return verdict
 
         with ThreadPoolExecutor(processes) as pool:
-            return list(pool.map(judge, sample))
+            verdicts = list(pool.map(judge, sample))
+        told = _unchanged(free.get(), verdicts)
+    # What fails without the change, too, says nothing of it; what is stopped with it alone hangs.
+    return [
+        replace(v, word='undecided')
+        if v.test in told.all_failed or not set(v.stopped) <= set(told.slow)
+        else v
+        for v in verdicts
+    ]
+
+
+def _unchanged(copy: Copy, verdicts: list[Verdict]) -> Told:
+    """What the tests that killed or were stopped do without any change."""
+    tests = sorted({name for v in verdicts for name in (v.test, *v.stopped) if name})
+    return copy.tests(tests, None) if tests else Told()
 
 
 def main() -> int:
@@ -283,7 +354,9 @@ def main() -> int:
     parser.add_argument('--count', type=int, default=100, help='mutants')
     parser.add_argument('--seed', type=int, default=1, help='of the sample')
     parser.add_argument('--skip', type=int, default=0, help='so many of the sample, judged before')
-    parser.add_argument('--seconds', type=float, default=180.0, help='longest run of one (s)')
+    parser.add_argument(
+        '--slow', type=float, default=0.0, help='for the slow tests of one, if it survives (s)'
+    )
     parser.add_argument('--processes', type=int, default=2, help='mutants judged at a time')
     parser.add_argument('--match', default='', help='only modules whose path holds this')
     parser.add_argument('--json', action='store_true', help='one JSON document on stdout')
@@ -298,12 +371,18 @@ def main() -> int:
         if found:
             drawn.append((path, choice.choice(found)))
     sample = [mutant_at(path, index) for path, index in drawn[options.skip :]]
-    verdicts = judged(sample, options.seconds, options.processes)
-    score = Counter(verdicts)
+    verdicts = judged(sample, options.slow, options.processes)
+    score = Counter(verdict.word for verdict in verdicts)
     decided = score['killed'] + score['survived']
     share = score['killed'] / max(decided, 1)
     rows = [
-        {'file': str(m.path.relative_to(ROOT)), 'line': m.line, 'change': m.change, 'verdict': v}
+        {
+            'file': str(m.path.relative_to(ROOT)),
+            'line': m.line,
+            'change': m.change,
+            'verdict': v.word,
+            'test': v.test,
+        }  # fmt: skip
         for m, v in zip(sample, verdicts, strict=True)
     ]
     if options.json:

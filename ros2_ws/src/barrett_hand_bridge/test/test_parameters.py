@@ -3,7 +3,11 @@
 
 import pytest
 
+from barrett_hand_bridge.assembly import make_observer
+from barrett_hand_bridge.calibration import HandCalibration
+from barrett_hand_bridge.hand import ENCODER_262, HandFacts
 from barrett_hand_bridge.parameters import BY_NAME, PARAMETERS, check_all
+from barrett_hand_bridge.zero import DRIFT_8_BIT, DRIFT_12_BIT
 from grasp_common.parameter_table import ParameterError, check
 
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
@@ -50,3 +54,11 @@ def test_values_are_checked_together(name, value, complaint):
 
 def test_unknown_gravity_is_allowed():
     check_all({**DEFAULTS, 'gravity': [0.0, 0.0, 0.0]})
+
+
+@pytest.mark.parametrize(('highest', 'drift'), [(255, DRIFT_8_BIT), (4095, DRIFT_12_BIT)])
+def test_a_zero_drifts_as_the_gauge_of_its_hand_does(highest, drift):
+    values = {one.name: one.default for one in PARAMETERS}
+    facts = HandFacts('BH8', '', '', ENCODER_262, highest, 100.0)
+    settings = make_observer(values, HandCalibration('', '', {}), facts).settings
+    assert (settings.drift, settings.highest_gauge_count) == (drift, highest)

@@ -134,6 +134,11 @@ def test_a_file_without_index_is_made_whole(tmp_path: Path, compression: Compres
     assert again['messages'] == 40
 
 
+def test_a_bag_without_messages_declares_none(tmp_path: Path) -> None:
+    write_strings(tmp_path / 'bag', [])
+    assert examine([tmp_path / 'bag' / 'bag_0.mcap']).declared == 0
+
+
 def test_several_files_are_saved_into_one_bag(tmp_path: Path) -> None:
     report = check(DATA / 'wbag', tmp_path / 'saved')
     assert report['recovered']['messages'] == 6074

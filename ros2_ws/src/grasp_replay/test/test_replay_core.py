@@ -49,6 +49,14 @@ def test_the_duration_is_counted_from_the_offset_and_includes_its_end(tmp_path: 
     assert _choose(tmp_path / 'bag', Choice(start_offset=2.0, duration=3.0)) == [2, 3, 4, 5]
 
 
+def test_a_span_ends_a_nanosecond_behind_its_last_message(tmp_path: Path) -> None:
+    write_strings(tmp_path / 'bag', [('/x', (100 + i) * SECOND, str(i)) for i in range(10)])
+    with open_bag(tmp_path / 'bag') as bag:
+        assert Choice().span(bag) == (100 * SECOND, 109 * SECOND + 1)
+        assert Choice(start_offset=2.0, duration=3.0).span(bag) == (102 * SECOND, 105 * SECOND + 1)
+        assert Choice(until=4.0).span(bag) == (100 * SECOND, 104 * SECOND + 1)
+
+
 def test_until_is_counted_from_the_first_message(tmp_path: Path) -> None:
     assert _choose(tmp_path / 'bag', Choice(start_offset=2.0, until=3.0)) == [2, 3]
 

@@ -36,6 +36,12 @@ def test_inches_declared_as_millimetres_are_detected_by_the_factor() -> None:
         choose_unit(2.559, 'mm', BALL)
 
 
+def test_a_wrong_unit_is_told_with_both_sizes() -> None:
+    told = 'unit m makes the scan 2000 mm large but the object is 65 mm'
+    with pytest.raises(UnitError, match=told):
+        choose_unit(2.0, 'm', 0.065)
+
+
 def test_millimetres_declared_as_inches_are_detected_by_the_factor() -> None:
     with pytest.raises(UnitError, match=r'factor 25\.4, the file is in mm'):
         choose_unit(65.0, 'inch', BALL)

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from shell_deform.solve.conjugate_gradient import initial_field, minimise
+from shell_deform.solve.conjugate_gradient import _compliance, initial_field, minimise
 from shell_deform.solve.equilibrium import LoadCaseError, displaced, forced
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.verification.paper_setup import compare, patch
@@ -23,6 +23,12 @@ def test_conjugate_gradients_reach_newtons_state(ball):
     assert found.converged, found.message
     np.testing.assert_allclose(found.displacement, newton.displacement, rtol=1e-3)
     assert found.energy == pytest.approx(newton.energy, rel=1e-4)
+
+
+def test_what_a_pin_is_taken_to_give_is_reissners_point_force_on_a_sphere(ball):
+    young, poisson, radius, wall = 1e6, 0.5, 31.25e-3, 2.5e-3
+    reissner = radius * np.sqrt(3.0 * (1.0 - poisson**2)) / (4.0 * young * wall**2)
+    assert _compliance(ball, ball.contact(Z, 4e-3)) == pytest.approx(reissner, rel=0.02)
 
 
 def test_initial_field_is_a_cone_as_high_as_the_force(ball):

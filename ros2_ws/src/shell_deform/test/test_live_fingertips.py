@@ -62,6 +62,13 @@ def growing(depth=1.2e-3, count=13, start=0):
     return [squeeze(d, stamp=start + k + 1) for k, d in enumerate(np.linspace(0.0, depth, count))]
 
 
+def test_the_stretch_of_a_tendon_is_no_depth(tips):
+    followed(tips, growing(4e-4, 2))
+    finger = tips.solver._held.fingers[0]
+    pushed = replace(finger, touch=replace(finger.touch, travel=2e-3, force=5.0))
+    assert pushed.depth(1e-4) == pytest.approx(2e-3 + finger.offset - 5e-4)
+
+
 def test_a_watcher_sees_every_iteration_of_a_long_solve(tips):
     beats = []
     tips.solver.tracker.beat = lambda: beats.append(1)

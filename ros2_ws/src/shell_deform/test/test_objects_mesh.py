@@ -13,6 +13,7 @@ from shell_deform.objects import (
     object_fit_report,
     object_mesh,
 )
+from shell_deform.objects.file_mesh import read_points
 from shell_deform.objects.shell_object import (
     Cone,
     Cylinder,
@@ -215,3 +216,14 @@ def test_profiles_that_no_wall_can_follow_are_refused():
     tight = Revolution(arc(0.001, 0.0, np.pi, 9))
     with pytest.raises(ObjectError, match='test: the (profile is rounded|wall is thicker)'):
         object_mesh(shell(tight, 0.003))
+
+
+def test_one_point_is_a_scan_and_none_is_refused(tmp_path):
+    (tmp_path / 'one.xyz').write_text('1 2 3\n')
+    assert read_points(tmp_path / 'one.xyz', 'mm').tolist() == [[1e-3, 2e-3, 3e-3]]
+    (tmp_path / 'none.ply').write_text(
+        'ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\n'
+        'property float z\nend_header\n'
+    )
+    with pytest.raises(ObjectError, match='none.ply'):
+        read_points(tmp_path / 'none.ply', 'mm')

@@ -235,3 +235,10 @@ def test_the_patch_test_of_bending_is_not_passed_on_an_irregular_net():
     bent[:, 2] = np.linalg.lstsq(rows, height, rcond=None)[0]
     assert np.abs(rows @ bent[:, 2] - height).max() < 3e-3 * height.max()
     assert parabola_energy_error(mesh, bent) == pytest.approx(-0.0705, abs=0.01)
+
+
+def test_a_path_that_falls_back_is_read_on_its_last_rising_branch():
+    path = np.array([[0.0, 0.0], [2.0, 1.0], [1.0, 2.0], [3.0, 4.0]])
+    found = sze._at_loads(path, np.array([0.5, 1.5, 2.5, 3.5]))
+    assert found[:3, 0] == pytest.approx([0.25, 2.5, 3.5])
+    assert np.isnan(found[3, 0])

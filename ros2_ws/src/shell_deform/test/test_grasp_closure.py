@@ -10,6 +10,7 @@ import pytest
 from grasp_sets import closed_by_edges, leaning_pins, random_grasp, three_pins, two_pads
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.special import ndtr
 
 from shell_deform.grasp.closure import STEEPEST, closure
 from shell_deform.grasp.contacts import GraspError, contacts
@@ -19,7 +20,7 @@ from shell_deform.grasp.probability import (
     both_below,
     closure_probability,
     closure_sigma,
-    normal_share,
+    share_within,
 )
 from shell_deform.live.tick.grasp_draws import EVERY, ClosureDraws
 
@@ -185,11 +186,11 @@ def test_the_joint_probability_of_two_normal_variables():
         assert both_below(a, b, r) == pytest.approx(float(expected), abs=1e-4)
 
 
-def _sigmas(count):
-    return Sigmas(np.full(count, 1e-3), np.full(count, 0.05), 0.1)
+def _sigmas(count, turn=0.05, friction=0.1):
+    return Sigmas(np.full(count, 1e-3), np.full(count, turn), friction)
 
 
-def _near_the_edge(rng, count):
+def _near_the_edge(rng, count, sigmas):
     """A grasp near the edge of closure, and its closure."""
     while True:
         friction = rng.uniform(0.2, 0.9)
@@ -205,7 +206,7 @@ def _near_the_edge(rng, count):
         normal /= np.linalg.norm(normal, axis=1)[:, None]
         grasp = contacts(0.03 * base, normal, 10.0, friction, 1.3e-3)
         found = closure(grasp)
-        if abs(found.needed - 1.0) < 3.0 * closure_sigma(grasp, found, _sigmas(count)):
+        if abs(found.needed - 1.0) < 3.0 * closure_sigma(grasp, found, sigmas):
             return grasp, found
 
 
@@ -222,31 +223,46 @@ def _drawn(rng, grasp, sigmas):
     )
 
 
-def _calibration(grasps, draws, count, seed):
+def _calibration(grasps, draws, sigmas, seed):
     """Of ten bins of the probability: how far it is from the share of closed draws, and noise.
 
-    Several draws of each grasp: with one, the noise of a bin is as large as the goal.
+    Many draws of each grasp: with one, the noise of a bin is as large as the goal. Those that are
+    all but sure, which are most, tell little of it and get an eighth of them.
     """
-    rng = np.random.default_rng(seed)
-    sigmas = _sigmas(count)
-    told, true = np.zeros(grasps), np.zeros(grasps)
+    rng, count = np.random.default_rng(seed), len(sigmas.point)
+    told, true, noise = np.zeros((3, grasps))
     for i in range(grasps):
-        grasp, found = _near_the_edge(rng, count)
+        grasp, found = _near_the_edge(rng, count, sigmas)
         told[i] = closure_probability(grasp, found, sigmas)
-        true[i] = np.mean([closure(_drawn(rng, grasp, sigmas)).closed for _ in range(draws)])
+        own = draws if 0.05 < told[i] < 0.95 else -(-draws // 8)
+        true[i] = np.mean([closure(_drawn(rng, grasp, sigmas)).closed for _ in range(own)])
+        noise[i] = told[i] * (1.0 - told[i]) / own
     bins = np.minimum((10.0 * told).astype(int), 9)
     error = [(told - true)[bins == number] for number in range(10)]
     away = np.array([abs(here.sum()) / max(len(here), 1) for here in error])
-    spread = [(told * (1.0 - told))[bins == number] / draws for number in range(10)]
-    noise = np.array([np.sqrt(here.sum()) / max(len(here), 1) for here in spread])
-    print(count, np.round(away, 4).tolist(), np.round(noise, 4).tolist())
-    return away, noise
+    spread = [noise[bins == number] for number in range(10)]
+    known = np.array([np.sqrt(here.sum()) / max(len(here), 1) for here in spread])
+    print(count, np.round(away, 4).tolist(), np.round(known, 4).tolist())
+    return away, known
 
 
-def test_turns_across_the_angle_of_two_contacts_only_widen_it():
-    """Leaning by 0.2 rad, normals that turn by 0.1 about each axis: the angle itself, drawn."""
+@pytest.mark.parametrize('wobble', [0.02, 0.2])
+@pytest.mark.parametrize('angle', [0.0, 0.1, 0.4, 1.3, 1.9])
+def test_the_share_of_turned_normals_within_a_cone_is_that_of_draws(angle, wobble):
+    rng, limit = np.random.default_rng(17), np.array([0.0, 0.05, 0.15, 0.45, 1.25, 1.5])
+    turn = wobble * rng.normal(size=(2, 40_000))
+    length = np.sqrt(1.0 + turn[0] ** 2 + turn[1] ** 2)
+    away = np.arccos((np.cos(angle) + turn[0] * np.sin(angle)) / length)
+    drawn = (away[:, None] < limit).mean(axis=0)
+    noise = np.sqrt(drawn * (1.0 - drawn) / len(away))
+    assert np.all(np.abs(share_within(angle, wobble, limit) - drawn) < 1e-3 + 4.0 * noise)
+
+
+@pytest.mark.parametrize('lean', [0.0, 0.2])
+def test_turns_across_the_angle_of_two_contacts_only_widen_it(lean):
+    """Normals that turn by 0.1 rad about each axis: the angle itself, drawn."""
     rng, turn = np.random.default_rng(18), 0.1
-    grasp = leaning_pins(0.2, np.tan(0.25), arm=1e-6)
+    grasp = leaning_pins(lean, np.tan(0.25), arm=1e-6)
     sigmas = Sigmas(np.full(2, 1e-9), np.full(2, turn), 0.0)
     line = (grasp.point[1] - grasp.point[0]) / np.linalg.norm(grasp.point[1] - grasp.point[0])
     inside = np.ones(200_000, bool)
@@ -255,12 +271,13 @@ def test_turns_across_the_angle_of_two_contacts_only_widen_it():
         along = drawn @ towards / np.linalg.norm(drawn, axis=1)
         inside &= np.arccos(np.abs(along)) < 0.25
     told = closure_probability(grasp, closure(grasp), sigmas)
-    assert told == pytest.approx(inside.mean(), abs=0.03)
+    assert told == pytest.approx(inside.mean(), abs=0.005)
 
 
 @pytest.mark.parametrize('count', [2, 3, 4])
 def test_the_probability_of_closure_is_kept_by_draws(count):
-    away, noise = _calibration(300 if count == 2 else 60, 4 if count == 2 else 8, count, 5)
+    grasps, draws = (300, 4) if count == 2 else (60, 8)
+    away, noise = _calibration(grasps, draws, _sigmas(count), 5)
     assert np.all(away < 0.03 + 4.0 * noise)
 
 
@@ -288,20 +305,21 @@ def test_the_probability_of_grasps_alike_on_all_sides(angles, height, friction, 
 
 def test_a_tick_tells_the_same_probability_a_draw_at_a_time():
     sigmas = _sigmas(4)
-    grasp, found = _near_the_edge(np.random.default_rng(1), 4)
+    grasp, found = _near_the_edge(np.random.default_rng(1), 4, sigmas)
     draws, told = ClosureDraws(), []
     for sample in range(EVERY * DRAWS + 1):
         # Another equilibrium every eight samples: draws go on, none is begun anew.
         found = found if sample % 8 else replace(found)
         told.append(draws.probability(grasp, found, sigmas, 'task'))
     far = (1.0 - found.needed) / closure_sigma(grasp, found, sigmas)
-    assert told[0] == pytest.approx(normal_share(far))
+    assert told[0] == pytest.approx(ndtr(far))
     assert told[-1] == pytest.approx(closure_probability(grasp, found, sigmas), abs=1e-9)
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(3000)
+@pytest.mark.parametrize(('turn', 'friction'), [(0.05, 0.1), (0.2, 0.3)])
 @pytest.mark.parametrize('count', [2, 3, 4, 5])
-def test_the_probability_of_closure_is_kept_within_three_percent(count):
-    away, noise = _calibration(2_000, 8, count, 6)
-    assert np.all(away < 0.03 + noise)
+def test_the_probability_of_closure_is_kept_within_three_percent(count, turn, friction):
+    away, _ = _calibration(2_000, 64, _sigmas(count, turn, friction), 6)
+    assert np.all(away < 0.03)

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import erf, sqrt
+from math import pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
 
 from shell_deform.grasp.closure import SMALLEST_SHARE, Closure, nearly_needed
 from shell_deform.grasp.contacts import GraspContacts, cross, size_of
@@ -21,7 +22,13 @@ LEAST_GUESS = 0.2
 DRAWS = 64
 """Grasps with other points and normals in which more than two contacts are looked at."""
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
+
+FARTHEST = 6.0
+"""Sigmas from the mean of a normal variable beyond which nothing is looked at."""
+
+UPRIGHT = 1.57
+"""A contact that leans farther from the line of two [rad] needs more friction than there is."""
 
 
 @dataclass(frozen=True)
@@ -63,10 +70,10 @@ def closure_sigma(grasp: GraspContacts, found: Closure, sigmas: Sigmas) -> float
 def closure_probability(grasp: GraspContacts, found: Closure, sigmas: Sigmas) -> float:
     """Probability that the grasp is force-closed [-].
 
-    Two contacts close where both cones hold the line between them: two events that have points
-    and friction in common. With more, what closure needs has kinks, and those of grasps that are
-    alike on all sides meet at the grasp itself: it is drawn. Of each draw of points and normals
-    the friction decides by its own distribution.
+    Two contacts close where both cones hold the line between them, which is integrated. With more,
+    what closure needs has kinks, and those of grasps that are alike on all sides meet at the grasp
+    itself: it is drawn. Of each draw of points and normals the friction decides by its own
+    distribution.
     """
     if not len(found.squeeze) or (found.why and found.needed < 1.0):
         return 0.0
@@ -106,7 +113,7 @@ def drawn_needed(grasp: GraspContacts, sigmas: Sigmas, number: int, guess: float
 def share_closed(needed: Array, friction: float) -> float:
     """Share of draws (d,) closed by a friction with relative sigma `friction`."""
     away = (1.0 - np.minimum(needed, 1.0 / LEAST_SIGMA)) / max(friction, LEAST_SIGMA)
-    return float(np.mean([normal_share(one) for one in away.tolist()]))
+    return float(np.mean(ndtr(away)))
 
 
 @lru_cache(maxsize=8)
@@ -123,7 +130,11 @@ def _units(count: int) -> Array:
 
 
 def _of_two(grasp: GraspContacts, sigmas: Sigmas) -> float:
-    """Both angles between the line of the contacts and the normals below the friction angles."""
+    """Both normals within the friction angles of the line of the contacts, where both squeeze.
+
+    Integrated over the friction that they have in common: at each the two have only the turn of
+    their line in common.
+    """
     line = grasp.point[1] - grasp.point[0]
     length = float(np.linalg.norm(line))
     line = line / length
@@ -135,31 +146,69 @@ def _of_two(grasp: GraspContacts, sigmas: Sigmas) -> float:
     angle = np.arctan2(across, along)
     towards /= np.where(across > 0.0, across, 1.0)[:, None]
     turn = float(sigmas.point @ sigmas.point) / length**2
-    wobble = sigmas.normal**2 + turn
-    # A turn across the angle can only widen it: on average by half its square over the tangent.
-    angle = angle + wobble / (2.0 * np.maximum(np.tan(angle), np.sqrt(wobble) + LEAST_SIGMA))
-    room = np.arctan(grasp.friction) - angle
-    slack = sigmas.friction * grasp.friction / (1.0 + grasp.friction**2)
+    wobble = np.sqrt(sigmas.normal**2 + turn) + LEAST_SIGMA
+    spread = max(sigmas.friction, LEAST_SIGMA)
+    steep = np.tan(np.minimum(angle, UPRIGHT)) / grasp.friction
+    away, weight = _around((steep - 1.0) / spread)
+    limit = np.arctan(np.maximum(grasp.friction[:, None] * (1.0 + spread * away), 0.0))
+    inside = [share_within(*one) for one in zip(angle, wobble, limit, strict=True)]
     # A turn of the line that widens one angle widens the other where both lean the same way.
-    common = -float(towards[0] @ towards[1]) * turn + float(slack[0] * slack[1])
-    variance = wobble + slack**2
-    sigma = np.maximum(np.sqrt(variance), LEAST_SIGMA)
-    return both_below(room[0] / sigma[0], room[1] / sigma[1], common / (sigma[0] * sigma[1]))
+    common = -float(towards[0] @ towards[1]) * turn / float(wobble[0] * wobble[1])
+    if abs(common) < LEAST_SIGMA:
+        return float(np.clip(weight @ (inside[0] * inside[1]), 0.0, 1.0))
+    first, second = ndtri(np.clip(inside, LEAST_SIGMA, 1.0 - LEAST_SIGMA))
+    return float(np.clip(weight @ both_below(first, second, common), 0.0, 1.0))
 
 
-def normal_share(value: float) -> float:
-    """Share of a standard normal variable below `value`."""
-    return 0.5 * (1.0 + erf(value / sqrt(2.0)))
+def _around(edges: Array) -> tuple[Array, Array]:
+    """Values (n,) of a standard normal variable and their weights, densest beside `edges` (e,)."""
+    cuts = np.concatenate([[-FARTHEST], np.sort(np.clip(edges, -FARTHEST, FARTHEST)), [FARTHEST]])
+    half = 0.5 * np.diff(cuts)[:, None]
+    value = (cuts[:-1, None] + half * (NODES + 1.0)).ravel()
+    return value, (half * WEIGHTS).ravel() * _density(value)
 
 
-def both_below(a: float, b: float, correlation: float) -> float:
-    """Probability that two standard normal variables lie below a and b.
+def share_within(angle: float, wobble: float, limit: Array) -> Array:
+    """(n,) share of unit vectors within `limit` (n,) of a line, below a right angle.
+
+    Their mean is `angle` from the line; they turn by `wobble` about each of two axes across it.
+    All in rad. In the plane across the mean, where the turns lie, the cone about the line is a
+    conic: at each turn across it a share of a normal variable.
+    """
+    sine, cosine, edge = np.sin(angle), np.cos(angle), np.cos(limit)[:, None]
+    narrow = edge**2 - sine**2
+    closed = narrow > LEAST_SIGMA
+    widest = np.sin(limit)[:, None] / np.sqrt(np.where(closed, narrow, 1.0))
+    half = np.minimum(np.where(closed, widest, np.inf) / wobble, FARTHEST)
+    turn = 0.5 * half * (NODES + 1.0)
+    square = 1.0 + (wobble * turn) ** 2
+    root = edge * np.sqrt(np.maximum(cosine**2 - narrow * square, 0.0))
+    above, below = sine * cosine + root, sine * cosine - root
+    # The smaller end from the larger one, which loses nothing to cancellation.
+    room = cosine**2 - edge**2 * square
+    with np.errstate(all='ignore'):
+        upper = np.where(closed, above / narrow, np.inf)
+        lower = np.where(sine * cosine > 0.0, -room / above, below / narrow)
+    # Behind a right angle the cone of a closed conic is that of the line the other way.
+    lower = np.where(np.isfinite(lower) & ~(closed & (cosine < 0.0)), lower, np.inf)
+    share = np.maximum(ndtr(upper / wobble) - ndtr(lower / wobble), 0.0)
+    return np.asarray((half * share * _density(turn)) @ WEIGHTS)
+
+
+def _density(value: Array) -> Array:
+    """Of a standard normal variable."""
+    return np.asarray(np.exp(-0.5 * value**2) / sqrt(2.0 * pi))
+
+
+def both_below(a: Array, b: Array, correlation: float) -> Array:
+    """Probability that two standard normal variables lie below a and b, elementwise.
 
     Plackett's identity (Biometrika 41:351, 1954): its derivative with the correlation is the
     density, here integrated over the arc sine of it.
     """
     end = float(np.arcsin(np.clip(correlation, -0.999999, 0.999999)))
     angle = 0.5 * end * (NODES + 1.0)
-    density = np.exp(-(a * a + b * b - 2.0 * a * b * np.sin(angle)) / (2.0 * np.cos(angle) ** 2))
-    share = normal_share(a) * normal_share(b)
-    return float(np.clip(share + 0.5 * end * (WEIGHTS @ density) / (2.0 * np.pi), 0.0, 1.0))
+    here, there = np.asarray(a)[..., None], np.asarray(b)[..., None]
+    square = here**2 + there**2 - 2.0 * here * there * np.sin(angle)
+    density = np.exp(-square / (2.0 * np.cos(angle) ** 2)) @ WEIGHTS
+    return np.asarray(np.clip(ndtr(a) * ndtr(b) + end * density / (4.0 * pi), 0.0, 1.0))

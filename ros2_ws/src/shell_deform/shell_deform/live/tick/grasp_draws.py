@@ -8,6 +8,7 @@ samples, and each tells how far it is from the grasp without errors, which moves
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import ndtr
 
 from shell_deform.grasp.closure import Closure
 from shell_deform.grasp.contacts import GraspContacts
@@ -18,7 +19,6 @@ from shell_deform.grasp.probability import (
     closure_probability,
     closure_sigma,
     drawn_needed,
-    normal_share,
     pressing_part,
     share_closed,
 )
@@ -44,13 +44,17 @@ class ClosureDraws:
 
         To first order until there are draws of such fingers and such a task.
         """
-        if not len(found.squeeze) or grasp.pressing.sum() == 2:
-            return closure_probability(grasp, found, sigmas)
+        if not len(found.squeeze):
+            return 0.0
         key = (task, grasp.pressing.tobytes())
         if key != self._key:
             self._key, self._known, self._due, self._told = key, 0, DRAWS, None
         if found is not self._found:
             self._found, self._due, self._told = found, DRAWS, None
+        if grasp.pressing.sum() == 2:
+            if self._told is None:
+                self._told = closure_probability(grasp, found, sigmas)
+            return self._told
         self._samples += 1
         if self._due and self._samples % EVERY == 0:
             own, sure = pressing_part(grasp, sigmas)
@@ -62,7 +66,7 @@ class ClosureDraws:
         if self._told is None:
             if self._known < DRAWS:
                 sigma = max(closure_sigma(grasp, found, sigmas), LEAST_SIGMA)
-                self._told = normal_share((1.0 - found.needed) / sigma)
+                self._told = float(ndtr((1.0 - found.needed) / sigma))
             else:
                 self._told = share_closed(found.needed + self._away, sigmas.friction)
         return self._told

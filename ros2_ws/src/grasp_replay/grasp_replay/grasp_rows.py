@@ -25,7 +25,7 @@ from shell_deform.grasp.mapping import BODY_STEPS
 from shell_deform.grasp.measures import Doubt, Task, measure
 from shell_deform.grasp.measures import Held as KnownGrasp
 from shell_deform.grasp.reading import normal_sigma, wall_reader
-from shell_deform.grasp.touching import read_grasp, read_response, slipping_contacts
+from shell_deform.grasp.touching import read_grasp, read_response
 from shell_deform.grasp.window import Limits
 from shell_deform.model import ShellModel
 from shell_deform.objects import ObjectError
@@ -134,7 +134,7 @@ def _measured(
     model, patches, state = held.model, held.patches, held.state
     count = len(patches)
     grasp, solver = read_grasp(model, patches, state, friction), EquilibriumSolver(model)
-    slipping = slipping_contacts(solver, patches, state, grasp)
+    response = read_response(solver, patches, state, grasp)
     felt = row.contacts.felt
     if felt is not None:
         # A wall that has relaxed is pressed with less at the same shape: all of it goes down.
@@ -145,15 +145,15 @@ def _measured(
             tangential=share[:, None] * grasp.tangential,
             spin=share * grasp.spin,
         )
-    response = read_response(solver, patches, state, grasp)
     wall = wall_reader(model, patches).at(state.unknowns, state.force, state.displacement)
     limit = shell.shell.yield_stress_pa
     limits = Limits(
         stress=wall.stress / limit if limit else 0.0, strain=wall.strain / STRAIN_LIMIT
     )
     known = KnownGrasp(
-        response.centre, response.sharing, response.compliance, state.energy, limits, slipping
-    )
+        response.centre, response.sharing, response.compliance, state.energy, limits,
+        response.slipping,
+    )  # fmt: skip
     doubt = Doubt(
         np.asarray(row.contacts.sigma, float),
         np.zeros(count),

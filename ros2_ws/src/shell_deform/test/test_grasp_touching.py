@@ -12,8 +12,15 @@ from shell_deform.grasp.capacity import load_capacity
 from shell_deform.grasp.contacts import UNIFORM_ARM, contacts
 from shell_deform.grasp.margins import margins
 from shell_deform.grasp.reading import body_loads, body_mass
-from shell_deform.grasp.slip import MODEL_SHARE, Sharing, first_slips, slip_rates, slip_sigma
-from shell_deform.grasp.touching import read_grasp, read_response, slipping_contacts
+from shell_deform.grasp.slip import (
+    MODEL_SHARE,
+    Sharing,
+    first_slips,
+    slip_rates,
+    slip_sigma,
+    slipping_regions,
+)
+from shell_deform.grasp.touching import read_grasp, read_response
 from shell_deform.objects import load_object
 from shell_deform.solve.equilibrium import displaced
 from shell_deform.solve.first_touch import first_touch
@@ -70,11 +77,13 @@ def test_a_region_that_slips_one_way_keeps_the_push_of_one_without_friction(plat
     solids = (21.087 / 21.210, 46.088 / 46.452, 76.831 / 77.605)
     for state, solid in zip(states[1:], solids, strict=True):
         grasp = read_grasp(model, patches, state, MU)
-        there = slipping_contacts(solver, patches, state, grasp)
+        there = read_response(solver, patches, state, grasp).slipping
         assert there.share == pytest.approx(np.full(2, solid), abs=3e-3)
         # Unstretched by friction, the ring is a little wider.
         assert np.all(there.arm > grasp.arm)
-        assert there.of(grasp).push == pytest.approx(there.share * grasp.push)
+        regions = slipping_regions(grasp, there)
+        assert regions.push == pytest.approx(there.share * grasp.push)
+        assert np.array_equal(regions.arm, there.arm)
 
 
 @pytest.mark.parametrize(('load', 'share'), [(0, 0.3), (5, 0.02)])
@@ -169,9 +178,9 @@ def _told(tipped, load):
     """First slip along `load` (6,), and the loads of the shell that unit wrench is."""
     solver, patches, state = tipped
     grasp = read_grasp(solver.model, patches, state, 0.4)
-    sharing = read_response(solver, patches, state, grasp).sharing
-    slipping = slipping_contacts(solver, patches, state, grasp)
-    factor = first_slips(slipping.of(grasp), sharing, load[None])[0][0]
+    found = read_response(solver, patches, state, grasp)
+    regions = slipping_regions(grasp, found.slipping)
+    factor = first_slips(regions, found.sharing, load[None])[0][0]
     nodal = body_loads(body_mass(solver.model), state.positions)[1] @ load
     return factor, nodal.reshape(-1, 3)
 

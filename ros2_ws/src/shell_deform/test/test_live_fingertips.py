@@ -12,7 +12,7 @@ from shell_deform.building import build_model
 from shell_deform.contact.body_file import load_body
 from shell_deform.contact.finger_bodies import OTHERS, read_finger_bodies
 from shell_deform.grasp.capacity import DIRECTIONS
-from shell_deform.grasp.slip import first_slips
+from shell_deform.grasp.slip import first_slips, slipping_regions
 from shell_deform.grasp.touching import read_grasp, read_response
 from shell_deform.live.background.contact_tracking import Touch
 from shell_deform.live.background.fingertips import FingertipSolver
@@ -110,6 +110,7 @@ def torque(tips):
 
 def test_a_turned_finger_sticks_then_slips_and_gives_no_more_than_its_friction(tips):
     followed(tips, growing())
+    rubbed = tips.estimator.adopted.slipping.share[0]
     found = []
     for k, turn in enumerate((0.005, 0.01, 0.2, 0.3)):
         followed(tips, [squeeze(1.2e-3, turn, stamp=100 + k)])
@@ -121,6 +122,9 @@ def test_a_turned_finger_sticks_then_slips_and_gives_no_more_than_its_friction(t
     # What slips all over gives its friction times the arms, which a turned pad changes a little.
     assert found[3] == pytest.approx(found[2], rel=0.15)
     assert sticking < 0.05
+    # Pressed in, it rubs outward and pushes with a hundredth by that; once it turns, no more.
+    assert 0.98 < rubbed < 0.992
+    assert tips.estimator.adopted.slipping.share[0] == pytest.approx(1.0, abs=2e-3)
 
 
 def test_the_grasp_of_fingertips_is_that_of_their_pressure(tips):
@@ -140,7 +144,7 @@ def test_the_grasp_of_fingertips_is_that_of_their_pressure(tips):
     loads[0, :3], loads[1:, :3] = tick.task.down, DIRECTIONS
     # The gauges say less than the equilibrium: its contacts with their pushes.
     pushed = replace(grasp, push=rows[:2, GRASP_FIELDS.index('push')].astype(float))
-    factor = first_slips(pushed, found.sharing, loads)[0]
+    factor = first_slips(slipping_regions(pushed, found.slipping), found.sharing, loads)[0]
     assert told['gravity_slip'] == pytest.approx(factor[0], rel=5e-3)
     assert told['worst_slip'] == pytest.approx(factor[1:].min(), rel=5e-3)
     assert told['closed'] == 1.0
@@ -150,6 +154,8 @@ def test_the_grasp_of_fingertips_is_that_of_their_pressure(tips):
     assert abs(spin[0]) > 0.05 * MU * grasp.push[0] * grasp.arm[0]
     # A ring, no disc of the 7.5 mm that the message says, and no stress that a shell can tell.
     assert tips.estimator.adopted.arm == pytest.approx(grasp.arm)
+    assert tips.estimator.adopted.slipping.share == pytest.approx(found.slipping.share, abs=1e-3)
+    assert np.all(found.slipping.share < 0.998)
     assert grasp.arm.max() < 3e-3
     assert told['stress_resolved'] == 0.0
 

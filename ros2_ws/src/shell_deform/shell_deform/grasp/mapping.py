@@ -22,7 +22,7 @@ from shell_deform.grasp.measures import Doubt, Held, Task, measure
 from shell_deform.grasp.reading import normal_sigma, wall_reader
 from shell_deform.grasp.sampling import FINGERTIPS, SampledGrasp, SamplingError, sample_grasp
 from shell_deform.grasp.stiffness import rigid_share, squeeze_work
-from shell_deform.grasp.touching import read_grasp, read_response, slipping_contacts
+from shell_deform.grasp.touching import read_grasp, read_response
 from shell_deform.grasp.window import UNLIMITED, Limits, window_of_curve
 from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject, load_object
@@ -213,7 +213,7 @@ def _measured(
     )
     held = Held(
         response.centre, response.sharing, response.compliance, states[-1].energy, limits[-1],
-        slipping_contacts(place.solver, patches, states[-1], grasps[-1]),
+        response.slipping,
     )  # fmt: skip
     told = measure(grasps[-1], held, task, doubt).to_json()
     down = np.array(request.down) / np.linalg.norm(request.down)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,14 @@ from shell_deform.grasp.cone import ConeError
 from shell_deform.grasp.contacts import GraspContacts, GraspError, contact_wrenches
 from shell_deform.grasp.margins import Margins, margins
 from shell_deform.grasp.probability import Sigmas, closure_probability, closure_sigma
-from shell_deform.grasp.slip import Sharing, Slipping, slip_rates, slip_sigma, slips_along
+from shell_deform.grasp.slip import (
+    Sharing,
+    Slipping,
+    slip_rates,
+    slip_sigma,
+    slipping_regions,
+    slips_along,
+)
 from shell_deform.grasp.stiffness import adversary_work, grasp_stiffness
 from shell_deform.grasp.window import UNLIMITED, Limits, SqueezeWindow, squeeze_window
 
@@ -49,6 +57,17 @@ class Task:
     friction_sigma: float = 0.0
     adversary: float = 1.0
     length: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ('mass', 'friction_sigma', 'adversary', 'length'):
+            value = getattr(self, name)
+            number = isinstance(value, Real) and not isinstance(value, bool)
+            # What a mass that is none means is told with the squeeze window.
+            if not number or not (name in ('mass', 'friction_sigma') or np.isfinite(value)):
+                raise GraspError(f'{name} of a grasp is {value!r}; it must be a finite number')
+        down = np.asarray(self.down)
+        if down.shape != (3,) or down.dtype.kind not in 'iuf':
+            raise GraspError(f'the direction of the weight is {self.down!r}; it has three numbers')
 
 
 @dataclass(frozen=True)
@@ -212,7 +231,7 @@ def measure(grasp: GraspContacts, held: Held, task: Task, doubt: Doubt) -> Measu
     )
     length = task.length if task.length > 0.0 else _half_width(grasp)
     quality = epsilon(grasp, held.centre, length)[0] if found.closed else 0.0
-    regions = grasp if held.slipping is None else held.slipping.of(grasp)
+    regions = slipping_regions(grasp, held.slipping)
     slips, slip_doubt, slipping = _slips(regions, held.sharing, directions, relative)
     first = 1 + int(np.argmin(slips[1:]))
     push = float(grasp.push.mean()) if grasp.count else 0.0

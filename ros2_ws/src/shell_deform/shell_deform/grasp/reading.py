@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shell_deform.assemble.thick import ThickShell
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.grasp.contacts import UNIFORM_ARM, GraspContacts, contacts
-from shell_deform.grasp.slip import Sharing
+from shell_deform.grasp.slip import Sharing, Slipping
 from shell_deform.grasp.window import UNKNOWN
 from shell_deform.model import ShellModel
 from shell_deform.readout import principal, read_out, von_mises, wall_ratio
@@ -82,12 +82,14 @@ class Response:
         sharing: the same along and across the normals, which turn, too; None where the fingers
             let the object move as a body, and the forces then zero.
         compliance: (6, 6) motion of the object per wrench, see `stiffness`; None likewise.
+        slipping: what is left of regions that slip; None where all contacts are pins.
     """
 
     centre: Array
     force: Array
     sharing: Sharing | None
     compliance: Array | None
+    slipping: Slipping | None = None
 
 
 @dataclass(frozen=True)

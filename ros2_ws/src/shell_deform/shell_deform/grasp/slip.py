@@ -49,9 +49,12 @@ class Slipping:
     share: Array
     arm: Array
 
-    def of(self, grasp: GraspContacts) -> GraspContacts:
-        """The contacts then, with the tangential forces that they have now."""
-        return replace(grasp, push=self.share * grasp.push, arm=self.arm)
+
+def slipping_regions(grasp: GraspContacts, slipping: Slipping | None) -> GraspContacts:
+    """The contacts once they slip, with the tangential forces that they have now; None: pins."""
+    if slipping is None:
+        return grasp
+    return replace(grasp, push=slipping.share * grasp.push, arm=slipping.arm)
 
 
 @dataclass(frozen=True)

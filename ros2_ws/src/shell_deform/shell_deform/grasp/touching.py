@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shell_deform.contact.bodies import Body
-from shell_deform.contact.contact_field import Press, Touch
+from shell_deform.contact.contact_field import Face, Press, Touch
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.contact.outer_face import FacePoints
 from shell_deform.contact.thick_face import ThickFacePoints
@@ -117,7 +117,7 @@ def read_response(
     model = solver.model.on_contacts(patches)
     if model is not solver.model:
         solver = EquilibriumSolver(model)
-    centre, loads = body_loads(body_mass(model), state.positions)
+    centre, wrenches = body_loads(body_mass(model), state.positions)
     if not holds_still(model, patches, grasp):
         return unheld(centre, len(patches))
     case = replace(displaced(patches, state.displacement), motion=state.motion)
@@ -129,47 +129,38 @@ def read_response(
         np.zeros(len(patches)),
     )  # fmt: skip
     tangent = touched_tangent(model.tangent(state.unknowns), bordering.field, press)
-    padded = np.concatenate([loads, np.zeros((state.unknowns.size - len(loads), 6))])
-    motion, border = solver.system(tangent, bordering).solve(padded)
-    return touched_response(model, patches, state, grasp, Standing(centre, loads, motion, border))
+    loads = standing_loads(bordering.field.face, state.touches, wrenches, state.unknowns.size)
+    standing = Standing(centre, wrenches, *solver.system(tangent, bordering).solve(loads))
+    return touched_response(model, patches, state, grasp, standing)
 
 
-def slipping_contacts(
-    solver: EquilibriumSolver,
-    patches: tuple[ContactPatch, ...],
-    state: Equilibrium,
-    grasp: GraspContacts,
-) -> Slipping | None:
-    """What the contacts `grasp` of `state` have once all of a body's region slips one way.
+def standing_loads(face: Face, touches: tuple[Touch, ...], wrenches: Array, size: int) -> Array:
+    """Loads (N, 7) of `Standing` on N unknowns: `wrenches` (3 n, 6), then what ends the rubbing.
 
     Pressed in, a region rubs outward from its middle, which carries part of the push and holds
-    its pressure together. What slips across has no friction left for that: push and pressure are
-    those of bodies without friction in the same places. None for pins, and where those solve not.
+    its pressure together. What slips across has no friction left for that: of the friction of each
+    body only its resultant stays, spread as the pressure is.
     """
-    bodies = [patch.body is not None and patch.body.friction > 0.0 for patch in patches]
-    if not any(bodies):
-        return None
-    free = tuple(
-        patch if patch.body is None else replace(patch, body=replace(patch.body, friction=0.0))
-        for patch in patches
-    )
-    start = replace(state, multipliers=np.zeros(0))
-    found = solver.solve(displaced(free, state.displacement), start)
-    if not found.converged:
-        return None
-    there = read_grasp(solver.model.on_contacts(free), free, found, friction=0.0)
-    safe = np.where(grasp.push > 0.0, grasp.push, 1.0)
-    share = np.where(bodies & (grasp.push > 0.0), there.push / safe, 1.0)
-    return Slipping(np.maximum(share, 0.0), np.where(bodies, there.arm, grasp.arm))
+    loads = np.zeros((size, wrenches.shape[1] + 1))
+    loads[: len(wrenches), :-1] = wrenches
+    for touch in touches:
+        pressed = touch.weights * touch.pressure
+        total = float(pressed.sum())
+        if total > 0.0:
+            rubbed = touch.weights[:, None] * touch.friction
+            rubbed = rubbed - np.outer(pressed / total, rubbed.sum(axis=0))
+            loads[:, -1] += face.forces(touch.face, rubbed).reshape(-1)
+    return loads
 
 
 @dataclass(frozen=True)
 class Standing:
-    """What a shell does under unit wrenches about `centre` while pins and bodies stand still.
+    """What a shell does under `standing_loads` while pins and bodies stand still.
 
     Attributes:
-        centre: (3,) [m]. loads: (3 n, 6) nodal forces of the wrenches. motion: (N, 6) of all
-            unknowns. border: pushes of the pins, then multipliers of what is held, (b, 6).
+        centre: (3,) [m] of the unit wrenches. loads: (3 n, 6) nodal forces of the wrenches.
+        motion: (N, 7) of all unknowns. border: pushes of the pins, then multipliers of what is
+            held, (b, 7).
     """
 
     centre: Array
@@ -186,9 +177,10 @@ def touched_response(
     standing: Standing,
 ) -> Response:
     """What that motion changes of each contact: its push, its place, its friction, its normal."""
+    *wrenched, relieved = zip(standing.motion.T, standing.border.T, strict=True)
     around = [
-        read_grasp(model, patches, _moved(model, patches, state, *columns), friction=0.0)
-        for columns in zip(standing.motion.T, standing.border.T, strict=True)
+        read_grasp(model, patches, _moved(model, patches, state, SMALL_LOAD, *columns), 0.0)
+        for columns in wrenched
     ]
     push, across, spin = (
         np.stack([(getattr(one, name) - getattr(grasp, name)) for one in around], axis=-1)
@@ -199,25 +191,49 @@ def touched_response(
     force = np.stack(
         [one.push[:, None] * one.normal + one.tangential - before for one in around], axis=-1
     )
-    compliance = standing.loads.T @ standing.motion[: len(standing.loads)]
-    return Response(standing.centre, force / SMALL_LOAD, Sharing(push, across, spin), compliance)
+    compliance = standing.loads.T @ standing.motion[: len(standing.loads), :-1]
+    slipping = _slipping(patches, _moved(model, patches, state, 1.0, *relieved), grasp)
+    return Response(
+        standing.centre, force / SMALL_LOAD, Sharing(push, across, spin), compliance, slipping
+    )
+
+
+def _slipping(
+    patches: tuple[ContactPatch, ...], relieved: Equilibrium, grasp: GraspContacts
+) -> Slipping:
+    """What the contacts `grasp` have without friction, in the state that is `relieved` of it."""
+    share, arm = np.ones(grasp.count), grasp.arm.copy()
+    touches = iter(relieved.touches)
+    for i, patch in enumerate(patches):
+        if patch.body is None:
+            continue
+        touch = next(touches)
+        if not (patch.body.friction > 0.0 and grasp.push[i] > 0.0):
+            continue
+        normal = touch.pose.distance(patch.body.shape, touch.face.position).normal
+        pressure = np.maximum(touch.pressure, 0.0)
+        bare = replace(touch, pressure=pressure, traction=pressure[:, None] * normal)
+        there = _touched(patch, patch.body, bare, np.zeros(HELD_ROWS), 0.0)
+        share[i], arm[i] = there.push[0] / grasp.push[i], there.arm[0]
+    return Slipping(share, arm)
 
 
 def _moved(
     model: ShellModel,
     patches: tuple[ContactPatch, ...],
     state: Equilibrium,
+    load: float,
     motion: Array,
     border: Array,
 ) -> Equilibrium:
-    """The state after a small load whose unit moves the unknowns (N,) and the borders (b,)."""
-    step = SMALL_LOAD * motion.reshape(-1, 3)
+    """The state after a load whose unit moves the unknowns (N,) and the borders (b,)."""
+    step = load * motion.reshape(-1, 3)
     pins = np.array([patch.body is None for patch in patches])
     force, held = state.force.copy(), state.multipliers.copy()
-    force[pins] += SMALL_LOAD * border[: pins.sum()]
+    force[pins] += load * border[: pins.sum()]
     # Behind them the state may have held what is rigid, which standing bodies hold themselves.
     rows = HELD_ROWS * sum(map(_is_held, patches))
-    held[:rows] += SMALL_LOAD * border[pins.sum() :][:rows]
+    held[:rows] += load * border[pins.sum() :][:rows]
     bodies = [patch.body for patch in patches if patch.body is not None]
     return replace(
         state,

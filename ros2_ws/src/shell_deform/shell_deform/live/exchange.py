@@ -150,6 +150,8 @@ RESULT = np.dtype(
         ('share_across', '<f8', (MAX_CONTACTS, 3, 6)),
         ('share_spin', '<f8', (MAX_CONTACTS, 6)),
         ('body_compliance', '<f8', (6, 6)),
+        ('slip_push', '<f8', MAX_CONTACTS),
+        ('slip_arm', '<f8', MAX_CONTACTS),
         ('stress', '<f8'),
         ('stress_doubt', '<f8'),
         ('strain', '<f8'),

@@ -61,7 +61,7 @@ def write(slot: Slot, answer: Answer, wall: float) -> None:
     record['contacts'], record['rigid_count'] = k, r
     record['set_doubt'], record['reach'], record['refused'] = 0.0, 0.0, 0
     record['carried'], record['grasp_known'] = IDENTITY.numbers, 0
-    record['spin'], record['arm'] = 0.0, 0.0
+    record['spin'], record['arm'], record['slip_push'] = 0.0, 0.0, 0.0
     for name, value in answer.numbers.items():
         record[name] = value
     for name, rows in answer.contacts.items():

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from shell_deform.contact.contact_field import ContactField, Press, Touch
 from shell_deform.grasp.reading import body_loads
-from shell_deform.grasp.touching import Standing
+from shell_deform.grasp.touching import Standing, standing_loads
 from shell_deform.live.background.condensed import (
     HELD_ROWS,
     LATERAL_ROWS,
@@ -112,10 +112,9 @@ def condense(
     depth = motions.rows[pressing, :, 0].T
     corner = motions.corner[pressing, 0, 0]
     if near is None:
-        still = np.zeros_like(state.unknowns)
         press = Press(
-            touches, still, state.force, state.displacement, depth, corner, pressing,
-            np.zeros(count),
+            touches, np.zeros_like(state.unknowns), state.force, state.displacement, depth,
+            corner, pressing, np.zeros(count),
         )  # fmt: skip
         tangent = touched_tangent(solver.model.tangent(state.unknowns), bordering.field, press)
         elastic = tangent.gradient + tangent.gas_pressure * tangent.gas_row
@@ -133,14 +132,13 @@ def condense(
     below = np.pad(below, ((0, 0), (0, by_grips.shape[1])))
     moved = np.pad(moved, ((0, 0), (0, 0), (0, by_grips.shape[1])))
     eliminated = -depth @ (moved[pressing, 0] / corner[:, None])
-    centre, wrenches = np.zeros(3), np.zeros((len(elastic), 0))
+    centre, carried, still = np.zeros(3), np.zeros((0, 0)), np.zeros((len(elastic), 0))
     if mass is not None:
         centre, carried = body_loads(mass, state.positions)
-        wrenches = np.zeros((len(elastic), carried.shape[1]))
-        wrenches[: len(carried)] = carried
+        still = standing_loads(bordering.field.face, touches, carried, len(elastic))
     fields, multipliers = system.solve(
-        np.concatenate([loads + eliminated, wrenches], axis=1),
-        np.concatenate([below, np.zeros((held, wrenches.shape[1]))], axis=1),
+        np.concatenate([loads + eliminated, still], axis=1),
+        np.concatenate([below, np.zeros((held, still.shape[1]))], axis=1),
         refinements=0,
     )
     unit = loads.shape[1]
@@ -156,7 +154,7 @@ def condense(
         given = shared_solution(by, np.concatenate([away, multipliers[held - r :, unit:]]))
         standing = Standing(
             centre,
-            wrenches[: state.positions.size],
+            carried,
             fields[:, unit:] + fields[:, moving] @ given,
             multipliers[:, unit:] + multipliers[:, moving] @ given,
         )

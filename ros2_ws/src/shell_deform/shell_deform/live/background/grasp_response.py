@@ -102,6 +102,9 @@ def fill_grasp(record: np.void, found: Response, wall: WallState) -> None:
         record['share_across'][:count] = found.sharing.tangential
         record['share_spin'][:count] = found.sharing.spin
         record['body_compliance'] = found.compliance
+        if found.slipping is not None:
+            record['slip_push'][:count] = found.slipping.share
+            record['slip_arm'][:count] = found.slipping.arm
     record['stress'], record['stress_doubt'] = wall.stress, wall.doubt
     record['strain'] = wall.strain
 

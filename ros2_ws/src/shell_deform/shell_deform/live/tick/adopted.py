@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shell_deform.grasp.slip import Sharing
+from shell_deform.grasp.slip import Sharing, Slipping
 from shell_deform.live.background.contact_tracking import LONGEST_SLIDE, SHORTEST_JUMP
 from shell_deform.live.exchange import Slot
 from shell_deform.live.grip_motion import AFFINE, GripPoses, followed
@@ -66,6 +66,9 @@ class Adopted:
             record['share_across'][:k].copy(),
             record['share_spin'][:k].copy(),
         )
+        self.slipping: Slipping | None = None
+        if np.any(record['slip_push'][:k]):
+            self.slipping = Slipping(record['slip_push'][:k].copy(), record['slip_arm'][:k].copy())
         self.compliance = record['body_compliance'].copy()
         self.stress, self.strain = float(record['stress']), float(record['strain'])
         self.stress_doubt = float(record['stress_doubt'])

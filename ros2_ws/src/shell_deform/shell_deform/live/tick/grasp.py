@@ -32,7 +32,7 @@ from shell_deform.grasp.contacts import (
 )
 from shell_deform.grasp.margins import margins
 from shell_deform.grasp.probability import Sigmas, closure_sigma
-from shell_deform.grasp.slip import slip_sigma, slips_along
+from shell_deform.grasp.slip import slip_sigma, slipping_regions, slips_along
 from shell_deform.grasp.window import UNKNOWN, UNLIMITED, Limits, squeeze_window
 from shell_deform.live.tick.estimator import Estimator
 from shell_deform.live.tick.grasp_draws import ClosureDraws
@@ -119,6 +119,7 @@ class GraspTick:
         self._needed: float | None = None
         self._closure: tuple[object, GraspTask, bytes, Closure, Sigmas, float] | None = None
         self._draws = ClosureDraws()
+        self._basis: tuple[object, object, Array] | None = None
         self._proofs = _unproved(0)
         self._next = 0
 
@@ -163,7 +164,8 @@ class GraspTick:
         task, grasp = self.task, seen.grasp
         known = self._closed(estimator, seen)
         self.why = self.why or known.why
-        (lifted, worst), (lifted_sigma, worst_sigma) = self._capacities(seen, centre)
+        basis = self._wrenches(estimator, seen, centre)
+        (lifted, worst), (lifted_sigma, worst_sigma) = self._capacities(seen, centre, basis)
         held = self._of_equilibrium(estimator, seen)
         push = float(grasp.push.mean()) if grasp.count else 0.0
         limits, doubt = Limits(), UNKNOWN
@@ -178,12 +180,13 @@ class GraspTick:
             )  # fmt: skip
             doubt = held.stress_doubt
             if held.rates is not None:
-                factor, contact, _ = slips_along(grasp, held.rates)
+                regions = slipping_regions(grasp, estimator.adopted.slipping)
+                factor, contact, _ = slips_along(regions, held.rates)
                 least = [0, 1 + int(factor[1:].argmin())]
                 slips = float(factor[0]), float(factor[least[1]])
                 relative = task.friction_sigma / max(task.friction, 1e-9)
                 both = held.rates.along(least)
-                doubts = slip_sigma(grasp, both, factor[least], contact[least], relative)
+                doubts = slip_sigma(regions, both, factor[least], contact[least], relative)
                 slip_doubt = float(doubts[0]), float(doubts[1])
                 slipping = int(seen.finger[contact[0]]) if contact[0] >= 0 else -1
         window = squeeze_window(push, lifted / GRAVITY, task.mass, limits)
@@ -245,7 +248,16 @@ class GraspTick:
         own = Sigmas(none, spread, 0.0)
         return sigmas, task.friction * closure_sigma(grasp, found, own)
 
-    def _capacities(self, seen: Seen, centre: Array) -> tuple[Array, Array]:
+    def _wrenches(self, estimator: Estimator, seen: Seen, centre: Array) -> Array:
+        """(6, k, 4) `contact_wrenches` about `centre`, which pushes do not change."""
+        adopted, pose = estimator.adopted, estimator.pose_in_use
+        kept = self._basis
+        if not (seen.deformed and kept and kept[0] is adopted and kept[1] is pose):
+            kept = adopted, pose, contact_wrenches(seen.grasp, centre, 1.0)
+            self._basis = kept
+        return kept[2]
+
+    def _capacities(self, seen: Seen, centre: Array, basis: Array) -> tuple[Array, Array]:
         """Weight that the squeeze carries and the worst force of 26 directions [N]; sigmas.
 
         One of them is found anew at every sample, the weight every other time.
@@ -261,7 +273,6 @@ class GraspTick:
         if unknown.any():
             anew = np.flatnonzero(unknown).tolist()
         try:
-            basis = contact_wrenches(grasp, centre, 1.0)
             for number in anew:
                 found = load_capacity(grasp, wrenches[number], centre, basis)
                 proofs.bounds[number], proofs.pushes[number] = found.bound, found.force[:, 0]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from shell_deform.grasp.capacity import DIRECTIONS, epsilon
 from shell_deform.grasp.contacts import GraspContacts
-from shell_deform.grasp.slip import Sharing, SlipRates, slip_rates
+from shell_deform.grasp.slip import Sharing, SlipRates, slip_rates, slipping_regions
 from shell_deform.grasp.stiffness import adversary_work, grasp_stiffness, rigid_share
 from shell_deform.live.pose import Pose
 from shell_deform.live.tick.adopted import Adopted
@@ -67,7 +67,7 @@ def held_grasp(
         )
         loads = np.zeros((1 + len(DIRECTIONS), 6))
         loads[0, :3], loads[1:, :3] = down, DIRECTIONS
-        rates = slip_rates(grasp, sharing, loads)
+        rates = slip_rates(slipping_regions(grasp, adopted.slipping), sharing, loads)
         stiff = grasp_stiffness(adopted.compliance, length).smallest
         work = adversary_work(adopted.compliance, ADVERSARY)
     response = adopted.response

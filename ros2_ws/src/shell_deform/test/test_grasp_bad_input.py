@@ -22,6 +22,7 @@ from shell_deform.live.tick.grasp import GRASP_FIELDS, GraspTick
 
 OUTWARD = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0], [0, 0, 1.0]])
 POINT, INWARD = 0.03 * OUTWARD, -OUTWARD
+SIX = 0.03 * OUTWARD[[4] * 6] + 1e-3 * np.eye(6, 3)
 LINE = np.array([[0.0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]])
 
 
@@ -50,7 +51,10 @@ def measured(
         ({'point': POINT[:3], 'normal': INWARD[:3], 'push': -5.0}, 'no contact presses'),
         ({'point': POINT[:2], 'normal': INWARD[:2], 'push': [5.0, 0.0]}, 'only one contact'),
         ({'point': POINT[:3], 'normal': INWARD[:3], 'friction': 0.0}, 'without friction'),
-        ({'point': POINT[:3], 'normal': INWARD[:3], 'friction': [0.5, 0.5, 0.0]}, 'friction'),
+        ({'point': POINT[:3], 'normal': INWARD[:3], 'friction': [0.5, 0.5, 0.0]}, 'beside others'),
+        ({'point': POINT[:2], 'normal': INWARD[[0, 0]]}, 'cannot balance'),
+        ({'point': POINT[[0, 0]] + LINE[:2], 'normal': INWARD[[0, 0]]}, 'cannot balance'),
+        ({'point': SIX, 'normal': INWARD[[4] * 6]}, 'cannot balance'),
     ],
 )
 def test_what_holds_nothing_says_why(values, why):
@@ -59,6 +63,12 @@ def test_what_holds_nothing_says_why(values, why):
     assert why in told.why
     assert told.closure_probability == 0.0
     assert told.epsilon == 0.0
+
+
+def test_six_contacts_from_all_sides_close():
+    told = measured(0.03 * np.vstack([OUTWARD, -OUTWARD[4:]]), np.vstack([INWARD, OUTWARD[4:]]))
+    assert told.closed
+    assert told.closure_probability > 0.99
 
 
 def test_a_contact_that_does_not_press_is_none():
@@ -98,6 +108,17 @@ def test_a_mass_that_is_none_opens_no_window_and_says_so(mass):
         ('normal', 3.0 * INWARD[:2], 'contact 1 .* of length 3; it must be a unit vector'),
         ('point', np.nan * POINT[:2], 'must be finite'),
         ('arm', -1e-3, 'cannot be negative'),
+        ('friction', 'abc', "is 'abc'; it must be a number"),
+        ('friction', '0.5', "is '0.5'; it must be a number"),
+        ('friction', None, 'is None; it must be a number'),
+        ('friction', True, 'is True; it must be a number'),
+        ('friction', [0.5] * 3, 'has shape .3,.; 2 contacts need .2,.'),
+        ('push', ['a', 'b'], 'it must be a number'),
+        ('point', [[0.0, 0.0, 0.0], [1.0, 0.0]], 'it must be a number'),
+        ('point', POINT[:2, :2], 'has shape .2, 2.; k contacts need'),
+        ('point', POINT[:3], '3 contacts need'),
+        ('mass', 'abc', "is 'abc'; it must be a finite number"),
+        ('friction_sigma', '0.1', "is '0.1'; it must be a finite number"),
     ],
 )
 def test_what_cannot_be_is_named(name, value, text):
@@ -213,6 +234,9 @@ def test_a_map_of_an_extreme_friction_has_numbers(mu):
     [
         (['--mu', '-1'], '--mu: -1'),
         (['--mu', 'nan'], '--mu: nan'),
+        (['--mu', 'abc'], "--mu: 'abc' is no number"),
+        (['--seed', '-1'], '--seed: -1 is not between 0'),
+        (['--number', '1.5'], "--number: '1.5' is no whole number"),
         (['--mass', '-0.1'], '--mass: -0.1'),
         (['--number', '99999999999'], 'between 1 and'),
         (['--down', '0,0,0'], "'0,0,0' is no direction"),

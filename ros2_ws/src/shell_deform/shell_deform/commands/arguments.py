@@ -11,9 +11,17 @@ DEFAULT_CONTACT_RADIUS_M = 0.001
 """As `shell_deform.objects` has it, without loading a surface."""
 
 
+def _number(text: str) -> float:
+    """Any number, a NaN among them."""
+    try:
+        return float(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f'{text!r} is no number') from error
+
+
 def above_zero(text: str) -> float:
     """A finite number above zero."""
-    value = float(text)
+    value = _number(text)
     if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f'{text} is not above zero')
     return value
@@ -21,7 +29,7 @@ def above_zero(text: str) -> float:
 
 def not_negative(text: str) -> float:
     """A finite number of at least zero."""
-    value = float(text)
+    value = _number(text)
     if not 0.0 <= value < math.inf:
         raise argparse.ArgumentTypeError(f'{text} is not a number of at least zero')
     return value
@@ -29,7 +37,7 @@ def not_negative(text: str) -> float:
 
 def finite(text: str) -> float:
     """A finite number."""
-    value = float(text)
+    value = _number(text)
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f'{text} is not finite')
     return value
@@ -37,7 +45,7 @@ def finite(text: str) -> float:
 
 def poisson(text: str) -> float:
     """A ratio of Poisson that an elastic body can have."""
-    value = float(text)
+    value = _number(text)
     if not -1.0 < value <= 0.5:
         raise argparse.ArgumentTypeError(f'{text} is not above -1 and up to 0.5')
     return value
@@ -47,12 +55,14 @@ def count(low: int, high: int) -> Callable[[str], int]:
     """A whole number between two."""
 
     def counted(text: str) -> int:
-        value = int(text)
+        try:
+            value = int(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(f'{text!r} is no whole number') from error
         if not low <= value <= high:
             raise argparse.ArgumentTypeError(f'{text} is not between {low} and {high}')
         return value
 
-    counted.__name__ = 'whole number'
     return counted
 
 
@@ -64,8 +74,11 @@ def direction(text: str) -> tuple[float, float, float]:
         raise argparse.ArgumentTypeError(f'{text!r}: {error}') from error
     if len(values) != 3 or not all(map(math.isfinite, values)) or not any(values):
         raise argparse.ArgumentTypeError(f'{text!r} is no direction X,Y,Z')
-    length = math.hypot(*values)
-    return values[0] / length, values[1] / length, values[2] / length
+    # The largest first: the length of very long and very short ones is no number.
+    largest = max(map(abs, values))
+    x, y, z = (value / largest for value in values)
+    length = math.hypot(x, y, z)
+    return x / length, y / length, z / length
 
 
 def contact(text: str) -> tuple[float, float, float, float]:

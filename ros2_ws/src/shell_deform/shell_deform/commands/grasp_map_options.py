@@ -34,7 +34,7 @@ def build_parser() -> argparse.ArgumentParser:
         help='rigid body of fingertips: a name, a file, or NUMBER: BODY, NUMBER: BODY '
         '(default barrett_fingertip)')  # fmt: skip
     own('--number', type=count(1, MOST), default=100, metavar='COUNT', help='grasps (default 100)')
-    add(parser, '--seed', ' (default 0)', type=int, default=0)
+    add(parser, '--seed', ' (default 0)', type=count(0, 2**63), default=0)
     own('--mu', type=not_negative, default=0.5, metavar='SHARE',
         help='coefficient of friction [-] (default 0.5)')  # fmt: skip
     own('--mu-sigma', type=not_negative, default=0.1, metavar='SHARE',

@@ -24,6 +24,9 @@ LARGEST = {'push': 1e9, 'friction': 1e3, 'arm': 1e3, 'point': 1e6}
 COINCIDENT = 1e-9
 """Contacts nearer than this share of the size of the grasp are one."""
 
+MANY = 7
+"""Contacts that may hold an object without friction."""
+
 UNIFORM_ARM = 2.0 / 3.0
 """Mean arm of an even pressure over the radius of its disc."""
 
@@ -85,7 +88,7 @@ class GraspContacts:
         for i in np.flatnonzero(np.abs(length - 1.0) > 1e-6).tolist():
             raise GraspError(
                 f'the normal of contact {i + 1} is {self.normal[i].tolist()}, of length '
-                f'{length[i]:.3g}; it must be a unit vector'
+                f'{length[i]:.6g}; it must be a unit vector'
             )
         for name, largest in LARGEST.items():
             if np.any(np.abs(getattr(self, name)) > largest):
@@ -129,21 +132,47 @@ def contacts(
 
     `force` (k, 3) [N] gives the tangential force; none without it. Raises GraspError.
     """
-    point = np.asarray(point, float).reshape(-1, 3)
+    point, normal = _vectors('point', point), _vectors('normal', normal)
     count = len(point)
-    normal = np.asarray(normal, float).reshape(-1, 3)
     tangential = np.zeros((count, 3))
     if force is not None:
         tangential = force - np.einsum('ki,ki->k', force, normal)[:, None] * normal
     return GraspContacts(
         point,
         normal,
-        np.broadcast_to(np.asarray(push, float), (count,)).copy(),
+        _each('push', push, count),
         tangential,
         np.zeros(count) if spin is None else np.asarray(spin, float),
-        np.broadcast_to(np.asarray(friction, float), (count,)).copy(),
-        np.broadcast_to(np.asarray(arm, float), (count,)).copy(),
+        _each('friction', friction, count),
+        _each('arm', arm, count),
     )
+
+
+def _numbers(name: str, value: object) -> Array:
+    """A contact's value as floats; GraspError for what is no number."""
+    try:
+        found = np.asarray(value)
+    except ValueError:
+        found = np.asarray(None)
+    if found.size and found.dtype.kind not in 'iuf':
+        raise GraspError(f'{name} of a contact is {value!r}; it must be a number')
+    return np.asarray(found, float)
+
+
+def _vectors(name: str, value: object) -> Array:
+    """(k, 3); one alone may come as (3,)."""
+    found = _numbers(name, value)
+    if found.size and found.shape[-1] != 3:
+        raise GraspError(f'{name} has shape {found.shape}; k contacts need (k, 3)')
+    return found.reshape(-1, 3)
+
+
+def _each(name: str, value: object, count: int) -> Array:
+    """(k,) from as many, or from one for all."""
+    found = _numbers(name, value)
+    if found.shape not in ((), (1,), (count,)):
+        raise GraspError(f'{name} has shape {found.shape}; {count} contacts need ({count},)')
+    return found.copy() if found.shape == (count,) else np.full(count, found)
 
 
 def tangents(normal: Array) -> tuple[Array, Array]:
@@ -204,7 +233,11 @@ def why_open(grasp: GraspContacts) -> str:
     if apart.max() < COINCIDENT or np.all(apart < COINCIDENT * np.abs(grasp.point).max()):
         return 'all contacts are in one place'
     if np.any(grasp.friction <= 0.0):
-        return 'without friction fewer than seven contacts hold nothing'
+        if grasp.friction.any():
+            return 'closure is not told of contacts without friction beside others with it'
+        if grasp.count < MANY:
+            return 'without friction fewer than seven contacts hold nothing'
+        return 'closure by shape alone, without friction, is not told'
     size = size_of(grasp)
     wrenches = contact_wrenches(grasp, grasp.point.mean(axis=0), size).reshape(6, -1)
     if np.linalg.matrix_rank(wrenches, tol=1e-9) < 6:

@@ -135,7 +135,9 @@ def handle(tab) -> np.ndarray:
     picture = np.asarray(shot).astype(int)[:, 310:920]
     flat = np.abs(picture - LIGHT.finger(1)).max(axis=2) < 4
     red, _, blue = np.moveaxis(picture, 2, 0)
-    parts, _ = ndimage.label((blue > 90) & (red < 90) & (blue - red > 70))
+    # The lines of its friction cone cross it.
+    whole = ndimage.binary_closing((blue > 90) & (red < 90) & (blue - red > 70), iterations=2)
+    parts, _ = ndimage.label(whole)
     best, place = 100, np.full(2, np.nan)
     for k, (rows, columns) in enumerate(ndimage.find_objects(parts), 1):
         inside = np.argwhere(parts[rows, columns] == k)
@@ -157,6 +159,9 @@ def pull(tab, wait_until, across: int, down: int) -> None:
     start = seen[-1]
     there = start + [across, down]
     tab.mouse.move(*start)
+    # The page draws before it knows what the pointer is over.
+    taken = "[...document.querySelectorAll('canvas')].some(one => one.style.cursor == 'pointer')"
+    wait_until(lambda: tab.evaluate(taken), 60, lambda: f'nothing to take at {start}')
     tab.mouse.down()
     tab.mouse.move(*(start + 0.2 * (there - start)))
     tab.mouse.move(*there)
@@ -170,7 +175,7 @@ def pull(tab, wait_until, across: int, down: int) -> None:
 
 
 @pytest.mark.chromium
-def test_a_finger_dragged_in_the_browser_takes_its_opposite_along(
+def test_a_finger_dragged_in_the_browser_takes_its_opposite_along_and_alone_opens_the_grasp(
     running, heard, tab, wait_until
 ) -> None:
     wait_until(lambda: np.isfinite(handle(tab)).all(), 110, lambda: running.text)
@@ -181,10 +186,30 @@ def test_a_finger_dragged_in_the_browser_takes_its_opposite_along(
             message = heard(*CONTACTS)
         return np.zeros((2, 3)) if message is None else read_contacts(message).points[:2]
 
+    def says(words: str) -> None:
+        """Wait until the page says of the grasp that it is `closed`, or `not closed`."""
+        word = tab.locator('.grasp-hold b')
+        wait_until(lambda: word.inner_text() == words, 60, word.inner_text)
+
     wait_until(lambda: np.allclose(fingers()[0], [0.0325, 0.0, 0.0], atol=1e-3), 60)
     pull(tab, wait_until, -120, -40)
     first, second = fingers()
     assert np.linalg.norm(first - [0.0325, 0.0, 0.0]) > 0.01
+    assert np.allclose(second, -first, atol=2e-3)
+
+    # Cones of 6 degrees hold a line that goes through the middle, no other.
+    enter(tab, 'Friction', 0.1)
+    opposed = tab.get_by_label('Opposed', exact=True)
+    opposed.uncheck()
+    tab.get_by_text('friction 0.10').wait_for(timeout=60_000)
+    says('closed')
+    pull(tab, wait_until, 70, 60)
+    says('not closed')
+    tab.get_by_text('more friction than there is').wait_for(timeout=60_000)
+    assert np.allclose(fingers()[1], second, atol=2e-3)
+    opposed.check()
+    says('closed')
+    first, second = fingers()
     assert np.allclose(second, -first, atol=2e-3)
 
 
@@ -219,10 +244,6 @@ def test_force_modulus_theory_and_pressure_change_the_dent_as_physics_says(
     before = picture(tab)
     enter(tab, 'Finger 1 (N)', 2.0)
     soft = dent(resting)
-    tab.get_by_text('closed', exact=True).wait_for(timeout=60_000)
-    enter(tab, 'Friction', 0.0)
-    tab.get_by_text('not closed', exact=True).wait_for(timeout=60_000)
-    enter(tab, 'Friction', 0.5)
     assert 0.3 < soft / resting < 0.42  # 2 N instead of 5 N, slightly softening
 
     enter(tab, 'Modulus (x file)', 2.0)

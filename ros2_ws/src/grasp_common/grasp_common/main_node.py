@@ -21,6 +21,7 @@ from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 from grasp_common.messages import descriptor
+from grasp_common.parameter_files import given_files, nodes_in, speaks_to
 from grasp_common.parameter_table import Parameter, ParameterError, unknown
 from grasp_common.terminal import complain, printable
 
@@ -61,18 +62,25 @@ Made = TypeVar('Made')
 def start_ros(arguments: Sequence[str]) -> None:
     """Start rclpy with the program's name and arguments.
 
-    Raises RosStartError with the reason that ROS gives.
+    Raises RosStartError with the reason that ROS gives, or what a file of parameters lacks.
     """
     try:
+        for file in given_files(arguments):
+            nodes_in(file)
         rclpy.init(args=list(arguments))
+    except ParameterError as error:
+        raise RosStartError(str(error)) from error
     except WRONG_ROS_ARGUMENTS:
         raise
     except rclpy_implementation.RCLError as error:
         raise RosStartError(_reason(error)) from error
 
 
-def made(make: Callable[[], Made]) -> Made:
-    """What `make` makes; raises RosStartError where ROS refuses to, as security does only here."""
+def made(make: Callable[[], Made], arguments: Sequence[str] = ()) -> Made:
+    """What `make` makes; raises RosStartError where ROS refuses to, as security does only here.
+
+    arguments: of the process; a node warns of files of parameters that hold none for it.
+    """
     try:
         with warnings.catch_warnings():
             # rclpy complains that it cannot take back what was never made.
@@ -85,7 +93,17 @@ def made(make: Callable[[], Made]) -> Made:
         raise RosStartError(_reason(error)) from error
     if isinstance(node, Node):
         guard_services(node)
+        _warn_of_other_nodes(node, arguments)
     return node
+
+
+def _warn_of_other_nodes(node: Node, arguments: Sequence[str]) -> None:
+    name = node.get_fully_qualified_name()
+    for file in given_files(arguments):
+        others = nodes_in(file)
+        if not any(speaks_to(other, name) for other in others):
+            told = f'{file} holds no parameters for {name}, but for {", ".join(others)}'
+            node.get_logger().warning(printable(told))
 
 
 def _reason(error: Exception) -> str:
@@ -213,7 +231,7 @@ def run_node(
     try:
         start_ros([program, *everything])
         executor = QuietExecutor()
-        node = made(make)
+        node = made(make, everything)
         executor.add_node(node)  # type: ignore[arg-type]  # a Node that can be closed
         serve(node, executor)
     except WRONG_ROS_ARGUMENTS as error:

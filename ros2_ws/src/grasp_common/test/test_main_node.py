@@ -100,6 +100,23 @@ def test_wrong_arguments_are_one_sentence(
     assert got == code and complaint in text and 'Traceback' not in text
 
 
+def test_a_file_of_parameters_that_is_none_is_refused_by_name(domain_id: int, tmp_path: Path):
+    file = tmp_path / 'parameters.yaml'
+    file.write_text('only words\n')
+    code, text = ended('--ros-args', '--params-file', str(file))
+    assert code == 1 and text.startswith(f'small: --params-file {file} is no file of parameters')
+    assert text.count('\n') == 1
+
+
+def test_a_file_of_parameters_for_others_is_told(domain_id: int, tmp_path: Path):
+    file = tmp_path / 'parameters.yaml'
+    file.write_text('large: {ros__parameters: {speed: 2.0}}\n')
+    process, lines = started('--ros-args', '--params-file', str(file))
+    process.send_signal(signal.SIGINT)
+    told = ''.join([*lines, process.communicate(timeout=600)[0]])
+    assert f'{file} holds no parameters for /small, but for /large' in told
+
+
 @pytest.mark.parametrize(
     ('environment', 'complaint'),
     [

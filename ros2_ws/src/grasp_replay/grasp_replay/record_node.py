@@ -269,7 +269,7 @@ def _record(
     node: RecordNode | None = None
     executor: QuietExecutor | None = None
     try:
-        node = made(lambda: RecordNode(directory, selection, options))
+        node = made(lambda: RecordNode(directory, selection, options), ros_arguments)
         executor = QuietExecutor()
         executor.add_node(node)
         print(f'recording into {directory}', file=sys.stderr, flush=True)

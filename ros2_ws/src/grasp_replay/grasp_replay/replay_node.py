@@ -118,7 +118,7 @@ def _replay(bag: Bag, options: ReplayOptions, ros_arguments: list[str]) -> int:
     node: ReplayNode | None = None
     try:
         executor = QuietExecutor()
-        node = made(lambda: ReplayNode(bag, options, ros_arguments))
+        node = made(lambda: ReplayNode(bag, options, ros_arguments), ros_arguments)
         executor.add_node(node)
         services = threading.Thread(target=_spin, args=(executor,), name='services', daemon=True)
         services.start()

@@ -133,6 +133,8 @@ class HandWorker:
         self._ended = threading.Event()
         self._stop_motion = threading.Event()
         self._in_initialise = False
+        self._initialising: Future[Outcome] | None = None
+        self._newest: _Command | None = None
         self._thread = threading.Thread(target=self._run, name='hand_worker', daemon=True)
         self._observer: HandObserver | None = None
         self._facts: HandFacts | None = None
@@ -164,13 +166,25 @@ class HandWorker:
             self._ticks.set()
 
     def submit(self, kind: str, motion: Motion | None = None) -> Future[Outcome]:
-        """Ask for `initialize`, `tare`, `stop` or `move` (with a motion)."""
+        """Ask for `initialize`, `tare`, `stop` or `move` (with a motion).
+
+        Whoever asks for `initialize` while it is asked for already gets the same answer.
+        """
         future: Future[Outcome] = Future()
+        if kind == 'initialize':
+            asked = self._initialising
+            if asked is not None and not asked.done():
+                return asked
+            self._initialising = future
         if kind == 'stop':
+            self._initialising = None
             self._stop_motion.set()
             if self._in_initialise:
                 self._hand.abort()
-        self._commands.put(_Command(kind, future, motion))
+        command = _Command(kind, future, motion)
+        if kind == 'move':
+            self._newest = command
+        self._commands.put(command)
         if self._ended.is_set():
             # Nobody else would answer any more.
             self._refuse_all(SHUTTING_DOWN)
@@ -337,7 +351,10 @@ class HandWorker:
             elif command.kind == 'tare':
                 self._end_tare(Outcome(False, 'another tare was asked for'))
                 self._tare, self._tare_samples = command, []
-            elif command.motion is not None:
+            elif command is not self._newest:
+                # Of many motions at once only the last is begun: that takes time on the wire.
+                command.future.set_result(Outcome(False, 'another motion was asked for'))
+            else:
                 self._end_motion(False, 'another motion was asked for')
                 self._begin(command)
         except HandError as error:

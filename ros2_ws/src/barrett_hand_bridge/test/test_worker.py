@@ -199,6 +199,32 @@ def test_stop_interrupts_the_initialisation(bench, wait_until):
     assert not initialise.result(10.0).success
 
 
+def test_of_a_thousand_initialisations_at_once_the_fingers_make_one(bench, wait_until):
+    worker, hand, events = bench()
+    hand.slow = True
+    seen(events, Observed, wait_until)
+    asked = [worker.submit('initialize') for _ in range(1000)]
+    hand.slow = False
+    assert all(one.result(10.0).success for one in asked)
+    assert hand.log.count('initialize') == 1
+    assert worker.submit('initialize').result(10.0).success
+    assert hand.log.count('initialize') == 2
+
+
+def test_of_a_hundred_motions_at_once_only_the_last_is_begun(bench, wait_until):
+    worker, hand, events = bench()
+    hand.slow = True
+    seen(events, Observed, wait_until)
+    worker.submit('initialize')
+    wait_until(lambda: 'initialize' in hand.log, 10.0)
+    asked = [worker.submit('move', Opening((1,), 0.5)) for _ in range(100)]
+    hand.slow = False
+    told = [one.result(10.0) for one in asked]
+    assert {one.message for one in told[:-1]} == {'another motion was asked for'}
+    assert told[-1].success
+    assert hand.log.count('limit') == 1
+
+
 def test_a_failing_link_ends_the_motion_and_says_why(bench, wait_until):
     worker, hand, events = bench()
     hand.moves = False

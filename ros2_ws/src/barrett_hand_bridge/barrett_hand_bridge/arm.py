@@ -79,8 +79,9 @@ def rotation_matrix(quaternion: Sequence[float]) -> Array:
         ArmError: zero length or not finite.
     """
     q = np.asarray(quaternion, dtype=float)
-    size = float(np.sqrt(q @ q)) if np.isfinite(q).all() else 0.0
-    if size < 1e-9:
+    # hypot scales before it squares: nothing overflows.
+    size = math.hypot(*q)
+    if not 1e-9 <= size < math.inf:
         raise ArmError(f'quaternion {list(quaternion)} is no rotation')
     x, y, z, w = q / size
     return np.array(

@@ -73,6 +73,12 @@ def test_what_is_no_pose_is_refused(numbers):
         pose_from_numbers(numbers)
 
 
+def test_the_length_of_a_quaternion_does_not_matter_however_large():
+    with np.errstate(over='raise'):
+        pose = pose_from_numbers([0.0, 0.0, 0.0, 0.0, 0.0, 1e300, 1e300])
+    assert pose.rotation @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 1.0, 0.0])
+
+
 def test_three_joints_are_no_scara():
     with pytest.raises(ArmError, match='four finite numbers'):
         scara_flange(ScaraLengths(), [0.0, 0.0, 0.0])

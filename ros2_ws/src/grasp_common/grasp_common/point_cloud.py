@@ -24,6 +24,9 @@ MOST_FIELDS = 1000
 LARGEST_POINT = 2**20
 """Bytes of a point; a numpy record cannot exceed 2**31."""
 
+LARGEST_NUMBER = float(np.finfo(np.float32).max)
+"""What is larger in a float64 field counts as infinite."""
+
 
 class MessageError(ValueError):
     """A message that cannot be read; the text names the topic and what contradicts what."""
@@ -106,6 +109,11 @@ class CloudReader:
             raise self._error(
                 f'field {printable(name)} has {values.shape[1]} elements per point; it needs one'
             )
+        if values.dtype.kind == 'f' and values.dtype.itemsize == 8:
+            # Such numbers measure nothing; their squares, and they as float32, would overflow.
+            beyond = np.abs(values) > LARGEST_NUMBER
+            if beyond.any():
+                return np.where(beyond, np.copysign(np.inf, values), values)
         return values
 
     def _require(self, points: NDArray[Any], names: tuple[str, ...]) -> None:

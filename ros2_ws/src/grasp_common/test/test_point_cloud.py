@@ -58,6 +58,14 @@ def test_every_layout_is_read_back(
         assert got[name].tobytes() == points[name].tobytes()
 
 
+def test_a_number_beyond_float32_counts_as_infinite() -> None:
+    given = np.array([(1e300,), (-1e39,), (np.nan,), (2.0,)], [('x', '<f8')])
+    with np.errstate(all='raise'):
+        column = CloudReader('cloud').column(read(cloud_of(given)), 'x')
+        column.astype(np.float32)
+    assert np.array_equal(column, [np.inf, -np.inf, np.nan, 2.0], equal_nan=True)
+
+
 @settings(max_examples=1000)
 @given(any_header)
 def test_any_header_is_read_or_refused_with_one_typed_error(header: Any) -> None:

@@ -26,11 +26,10 @@ from std_msgs.msg import Bool, Float64, String
 
 from grasp_common.main_node import declare, run_node, status_name
 from grasp_common.messages import diagnostics
-from grasp_common.point_cloud import MessageError
 
 from . import messages
 from .curves import Curves
-from .hand_description import DescriptionError, barrett_hand, read_description
+from .hand_description import barrett_hand, read_description
 from .page import BUTTONS, Page, PageError
 from .parameters import PARAMETERS, usage
 from .plot_panel import SERIES, STAMP
@@ -300,7 +299,7 @@ class GraspView(Node):
                 continue
             try:
                 take(*newest)
-            except (MessageError, PoseError, DescriptionError, ValueError) as error:
+            except (ArithmeticError, LookupError, ValueError) as error:
                 self.get_logger().warning(
                     f'{subscription.topic_name} is left out: {error}', throttle_duration_sec=5.0
                 )

@@ -109,7 +109,7 @@ def read_grasp(message: PointCloud2) -> GraspMeasures:
         of_whole('liftable_mass'),
         of_whole('mass_given'),
         if_told('gravity_slip', 0.0),
-        int(if_told('slip_finger', -1.0)),
+        int(slips) if np.isfinite(slips := if_told('slip_finger', -1.0)) else -1,
         if_told('dent_push', 0.0),
         if_told('stress_resolved', 0.0) > 0.0,
         if_told('liftable_mass_sigma', 0.0),

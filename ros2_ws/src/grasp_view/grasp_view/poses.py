@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,8 +26,9 @@ def rotation_of(quaternion: npt.ArrayLike) -> Floats:
     Raises PoseError if it has no length.
     """
     x, y, z, w = np.asarray(quaternion, dtype=np.float64)
-    length = float(np.sqrt(x * x + y * y + z * z + w * w))
-    if not np.isfinite(length) or length < 1e-6:
+    # hypot scales before it squares: nothing overflows.
+    length = math.hypot(x, y, z, w)
+    if not 1e-6 <= length < math.inf:
         raise PoseError(
             f'quaternion ({x}, {y}, {z}, {w}) has no direction; identity is (0, 0, 0, 1)'
         )

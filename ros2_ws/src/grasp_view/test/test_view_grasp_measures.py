@@ -75,6 +75,11 @@ def test_first_slip_and_dent_are_told_where_the_message_has_them(grasp: GraspMea
     assert 'a dent begins at 31.0 N (stress not resolved)' in told
 
 
+def test_a_finger_that_is_no_number_slips_nowhere() -> None:
+    rows = np.concatenate([ROWS, [[0.0], [0.0], [np.inf]]], axis=1)
+    read_grasp(cloud(rows, (*FIELDS, 'slip_finger'), Time()))
+
+
 def test_the_bar_spans_the_window_and_the_mark_is_the_squeeze(grasp: GraspMeasures) -> None:
     told = window_svg(grasp)
     # 18 N are 1 / 1.25 of the scale of 288 pixels that begins at 6.

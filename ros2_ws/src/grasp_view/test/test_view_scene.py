@@ -175,6 +175,12 @@ def test_a_rotation_survives_its_quaternion(numbers: list[float]) -> None:
     assert np.allclose(rotation_of([x, y, z, w]), rotation, atol=1e-9)
 
 
+def test_the_length_of_a_quaternion_does_not_matter_however_large() -> None:
+    with np.errstate(over='raise'):
+        rotation = rotation_of([0.0, 0.0, 1e300, 1e300])
+    assert np.allclose(rotation @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+
+
 @settings(deadline=None)
 @given(quaternions, st.lists(st.floats(-1, 1), min_size=3, max_size=3))
 def test_a_pose_and_its_inverse_cancel(numbers: list[float], place: list[float]) -> None:

@@ -366,10 +366,14 @@ def test_to_and_from_the_object_are_inverse(turn, shift, point):
 
 
 @pytest.mark.parametrize(
-    'numbers', [[0.0] * 7, [0.0] * 6, [np.nan, 0, 0, 0, 0, 0, 1.0], [0, 0, 0, 0, 0, 0, 2.0]]
+    'numbers',
+    [
+        *([0.0] * 7, [0.0] * 6, [np.nan, 0, 0, 0, 0, 0, 1.0], [0, 0, 0, 0, 0, 0, 2.0]),
+        *([0, 0, 0, 1e300, 0, 0, 1e300], [0, 0, 0, 1e-320, 0, 0, 0]),
+    ],
 )
 def test_numbers_that_are_no_pose_are_refused(numbers):
-    with pytest.raises(PoseError):
+    with pytest.raises(PoseError), np.errstate(over='raise'):
         pose_of(numbers)
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -61,7 +62,8 @@ def pose_of(numbers: Array | list[float], what: str = 'object pose') -> Pose:
         raise PoseError(
             f'{what} is {values[:3].tolist()} m away; within {FARTHEST:g} m is allowed'
         )
-    length = float(np.linalg.norm(values[3:]))
+    # hypot scales before it squares: nothing overflows.
+    length = math.hypot(*values[3:])
     if abs(length - 1.0) > 1e-2:
         raise PoseError(
             f'the quaternion of the {what} has length {length:.4g}; give a unit quaternion'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of any type with anything in them: extremes, contradictions, clouds nearly right."""
+"""Messages of any type with anything in them: extremes, contradictions, many nearly right."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ import re
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import PoseStamped
+from rclpy.serialization import serialize_message
 from rosidl_parser.definition import Array, BasicType, NamespacedType, UnboundedSequence
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import JointState, PointCloud2, PointField
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 NUMBERS = (0.0, -0.0, 1.0, -1.0, 1e-300, 1e30, -1e30, 1e300, math.nan, math.inf, -math.inf, 5e-324)
 TEXTS = ('', 'x', 'hand_base', '\x1b]0;owned\x07', '/../..', 'a' * 5000, '\u202e', "'; rm", '%s%n')
@@ -25,6 +28,18 @@ CONTACT_FIELDS = (
     'sigma_travel',
 )  # fmt: skip
 
+GRASP_FIELDS = (
+    'x', 'y', 'z', 'nx', 'ny', 'nz', 'push', 'closed', 'on_deformed_normals',
+    'closure_probability', 'needed_friction', 'needed_friction_sigma', 'friction_given',
+    'friction_sigma_given',
+    'least_push', 'most_push', 'liftable_mass', 'mass_given', 'gravity_slip', 'slip_finger',
+    'dent_push', 'stress_resolved', 'liftable_mass_sigma',
+    'rx', 'ry', 'rz', 'fx', 'fy', 'fz', 'tx', 'ty', 'tz', 'friction_torque', 'friction_capacity',
+    'later', 'force', 'sigma', 'cell',
+)  # fmt: skip
+JOINTS = ('spread', 'finger_1_inner', 'finger_2_inner', 'finger_3_inner', 'finger_1_outer')
+NEARLY_RIGHT = 0.7
+
 
 class OddMessages:
     """Makes messages; the seed fixes all of them."""
@@ -37,13 +52,26 @@ class OddMessages:
         return choices[int(self._random.integers(len(choices)))]
 
     def message(self, kind: type) -> Any:
-        """A message of a type; half of the clouds are contacts with something wrong in them."""
-        if kind is PointCloud2 and self._random.random() < 0.7:
-            return self._cloud()
+        """A message of a type; most of some types are nearly what a node can use."""
+        nearly = {
+            PointCloud2: self._cloud,
+            JointState: self._joints,
+            JointTrajectory: self._trajectory,
+            PoseStamped: self._pose,
+        }
+        if kind in nearly and self._random.random() < NEARLY_RIGHT:
+            return nearly[kind]()
         made = kind()
         for name, slot in zip(kind.get_fields_and_field_types(), kind.SLOT_TYPES, strict=True):
             self._fill(made, name, slot)
         return made
+
+    def octets(self, kind: type) -> bytes:
+        """A message as it goes over the wire, cut off or with octets that are others."""
+        wire = bytearray(serialize_message(self.message(kind)))
+        for _ in range(int(self._random.integers(1, 6))):
+            wire[int(self._random.integers(len(wire)))] = int(self._random.integers(256))
+        return bytes(wire[: int(self.pick((len(wire), len(wire), len(wire) // 2, 3)))])
 
     def number(self) -> float:
         """An extreme number, or a plain one."""
@@ -99,20 +127,74 @@ class OddMessages:
             return [self.message(kind) for _ in range(count)]
         return [str(self.pick(TEXTS)) for _ in range(count)]
 
+    def _stamp(self, header: Any) -> None:
+        header.frame_id = str(self.pick(('hand_base', 'hand_base', *TEXTS)))
+        header.stamp.sec = self.whole('int32')
+        header.stamp.nanosec = self.whole('uint32')
+
+    def _names(self) -> list[str]:
+        """Joints of the hand, perhaps one of them twice."""
+        return [str(self.pick(JOINTS)) for _ in range(int(self._random.integers(1, 5)))]
+
+    def _numbers(self, count: int) -> list[float]:
+        """So many small numbers, one of them perhaps not; sometimes one too many or too few."""
+        values = [float(self._random.uniform(-0.5, 2.5)) for _ in range(count)]
+        if values and self._random.random() < 0.5:
+            values[int(self._random.integers(len(values)))] = self.number()
+        return (values + [0.0])[: max(0, len(values) + int(self.pick((0, 0, 0, 0, 1, -1))))]
+
+    def _joints(self) -> JointState:
+        """Joint states, or commands, of the hand."""
+        names = self._names()
+        made = JointState(name=names, position=self._numbers(len(names)))
+        self._stamp(made.header)
+        made.velocity = self._numbers(int(self.pick((0, len(names)))))
+        return made
+
+    def _trajectory(self) -> JointTrajectory:
+        """A trajectory of the hand's joints."""
+        names = self._names()
+        made = JointTrajectory(joint_names=names)
+        for number in range(int(self._random.integers(0, 4))):
+            point = JointTrajectoryPoint(positions=self._numbers(len(names)))
+            point.time_from_start.sec = int(self.pick((number, number, self.whole('int32'))))
+            point.time_from_start.nanosec = int(self.pick((0, 10**8, self.whole('uint32'))))
+            made.points = [*made.points, point]
+        return made
+
+    def _pose(self) -> PoseStamped:
+        """A pose a little away, of which one number may be odd."""
+        made = PoseStamped()
+        self._stamp(made.header)
+        made.pose.orientation.w = 1.0
+        part = self.pick((made.pose.position, made.pose.orientation))
+        value = float(self.pick((self.number(), 1e-3 * self._random.normal())))
+        setattr(part, str(self.pick('xyz')), value)
+        return made
+
     def _cloud(self) -> PointCloud2:
         """Contacts, or a scan, of which one thing is wrong."""
         count = int(self.pick((0, 1, 2, 3, 50)))
-        names = [*CONTACT_FIELDS, 'finger', 'flags', 'distance', 'ux', 'uy', 'uz']
-        names += ['displacement', 'sigma']
-        kinds = [('u1' if name in ('finger', 'flags') else '<f4') for name in names]
+        real = str(self.pick(('<f4', '<f4', '<f4', '<f8')))
+        if self._random.random() < 0.3:
+            names, kinds = ['finger', *GRASP_FIELDS], [real] * (1 + len(GRASP_FIELDS))
+        else:
+            names = [*CONTACT_FIELDS, 'finger', 'flags', 'distance', 'ux', 'uy', 'uz']
+            names += ['displacement', 'sigma']
+            kinds = [('u1' if name in ('finger', 'flags') else real) for name in names]
         rows = np.zeros(count, list(zip(names, kinds, strict=True)))
-        rows['x'], rows['nx'], rows['fx'] = -0.0325, 1.0, 5.0
-        rows['finger'], rows['flags'] = np.arange(count) % 3 + 1, 1
-        rows['radius'], rows['sigma_n'], rows['sigma_t'] = 1e-3, 0.05, np.inf
+        right = {'x': -0.0325, 'nx': 1.0, 'fx': 5.0, 'flags': 1, 'radius': 1e-3, 'later': 1.0}
+        right |= {'sigma_n': 0.05, 'sigma_t': np.inf}
+        for name in set(names) & set(right):
+            rows[name] = right[name]
+        # Of a grasp the first row is the whole.
+        rows['finger'] = np.arange(count) % 3 + 1 if 'flags' in names else np.arange(count) - 1
         fields = [
             PointField(
                 name=name, offset=int(rows.dtype.fields[name][1]), count=1,
-                datatype=PointField.UINT8 if kind == 'u1' else PointField.FLOAT32,
+                datatype={'u1': PointField.UINT8, '<f4': PointField.FLOAT32}.get(
+                    kind, PointField.FLOAT64
+                ),
             )
             for name, kind in zip(names, kinds, strict=True)
         ]  # fmt: skip
@@ -131,9 +213,8 @@ class OddMessages:
         what = int(self._random.integers(8))
         if what == 0 and len(rows):
             with np.errstate(over='ignore'):
-                rows[self.pick(CONTACT_FIELDS)][int(self._random.integers(len(rows)))] = (
-                    self.number()
-                )
+                real = [name for name in rows.dtype.names if rows.dtype[name].kind == 'f']
+                rows[self.pick(real)][int(self._random.integers(len(rows)))] = self.number()
         elif what == 1:
             setattr(cloud, self.pick(('height', 'width', 'point_step', 'row_step')),
                     self.whole('uint32'))  # fmt: skip
@@ -141,7 +222,9 @@ class OddMessages:
             one = self.pick(cloud.fields) if cloud.fields else PointField()
             one.datatype, one.count = self.whole('uint8'), self.whole('uint32')
         elif what == 3:
-            cloud.fields = [*cloud.fields, *(PointField(name=self.pick(TEXTS)) for _ in range(2))]
+            names = [*TEXTS, *CONTACT_FIELDS]
+            more = [PointField(name=self.pick(names), datatype=7, count=1) for _ in range(2)]
+            cloud.fields = [*cloud.fields, *more]
         elif what == 4:
             cloud.fields = [one for one in cloud.fields if self._random.random() < 0.9]
         elif what == 5:

@@ -19,7 +19,7 @@ from barrett_hand_bridge.contacts import FLAG_STALE
 from barrett_hand_bridge.hand import FINGERS, HandFacts
 from barrett_hand_bridge.health import Level
 from barrett_hand_bridge.observer import Observation
-from grasp_common.main_node import status_name
+from grasp_common.main_node import beside_others, status_name
 from grasp_common.messages import diagnostics, named_numbers, number
 
 STREAM = QoSProfile(depth=100)
@@ -125,4 +125,5 @@ class HandTopics:
         """What /diagnostics says."""
         hardware = 'no hand yet' if facts is None else f'{facts.model} {facts.serial_number}'
         name = status_name(self._node, 'hand')
-        self._diagnostics.publish(diagnostics(stamp_ns, name, level.value, text, values, hardware))
+        judged = beside_others(self._node, (level.value, text), 'hand/contacts')
+        self._diagnostics.publish(diagnostics(stamp_ns, name, *judged, values, hardware))

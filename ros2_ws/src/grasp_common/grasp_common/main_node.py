@@ -144,6 +144,18 @@ def status_name(node: Node, part: str = '') -> str:
     return f'{name}: {part}' if part else name
 
 
+def beside_others(node: Node, judged: tuple[str, str], *topics: str) -> tuple[str, str]:
+    """Level and sentence of a node's diagnostics; a warning instead of ok where others interfere.
+
+    topics: of which more than one publisher is one too many, as of a node that was started twice.
+    """
+    for topic in topics if judged[0] == 'ok' else ():
+        number = node.count_publishers(topic)
+        if number > 1:
+            return 'warn', f'{number} nodes publish {topic}: end all but one, or use namespaces'
+    return judged
+
+
 class QuietExecutor(SingleThreadedExecutor):
     """rclpy's, which leaves without a word also where a signal came while it was made."""
 

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -153,6 +154,24 @@ def test_an_executor_whose_making_a_signal_broke_off_goes_without_a_word(
     with pytest.raises((TypeError, RuntimeError)):
         main_node.QuietExecutor(context=context)
     assert complaints == []
+
+
+def test_a_second_publisher_of_a_topic_is_a_warning(domain_id: int, wait_until):
+    rclpy.init()
+    nodes = [Node('twin'), Node('twin')]
+    try:
+        nodes[0].create_publisher(Parameter, 'told', 1)
+        told = partial(main_node.beside_others, nodes[0], ('ok', 'serving'), 'told')
+        wait_until(lambda: told() == ('ok', 'serving') and nodes[0].count_publishers('told'))
+        nodes[1].create_publisher(Parameter, 'told', 1)
+        warning = ('warn', '2 nodes publish told: end all but one, or use namespaces')
+        wait_until(lambda: told() == warning)
+        judged = main_node.beside_others(nodes[0], ('error', 'no hand'), 'told')
+        assert judged == ('error', 'no hand')
+    finally:
+        for node in nodes:
+            node.destroy_node()
+        rclpy.try_shutdown()
 
 
 def test_a_request_that_cannot_be_is_refused(domain_id: int) -> None:

@@ -25,7 +25,7 @@ from shape_msgs.msg import Mesh
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from grasp_common.main_node import declare, run_node, status_name
+from grasp_common.main_node import beside_others, declare, run_node, status_name
 from grasp_common.messages import diagnostics, named_numbers, nanoseconds, number, raw_stamp
 from grasp_common.parameter_table import ParameterError
 from grasp_common.point_cloud import CloudReader, MessageError
@@ -357,6 +357,7 @@ class ScanCompareNode(Node):
 
     def _diagnose(self) -> None:
         level, summary, values = self._health()
+        level, summary = beside_others(self, (level, summary), 'deformation/surface', 'scan/error')
         self._diagnostics.publish(
             diagnostics(
                 self.get_clock().now().nanoseconds,

@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
-from grasp_common.main_node import declare, run_node
+from grasp_common.main_node import beside_others, declare, run_node
 from grasp_common.messages import nanoseconds
 from grasp_common.parameter_table import ParameterError
 from grasp_common.point_cloud import MessageError
@@ -542,7 +542,10 @@ class DeformationNode(Node):
         chosen['grasp'] = self._grasp.told if self._topics.grasp_wanted else ''
         told = diagnosis.values(condition, time.monotonic())
         values = {**chosen, **told, **self._path.figures, **self._tactile.figures}
-        self._topics.diagnostics(*diagnosis.judge(condition), values)
+        judged = beside_others(
+            self, diagnosis.judge(condition), 'hand/contacts', 'deformation/surface'
+        )
+        self._topics.diagnostics(*judged, values)
 
     def close(self) -> None:
         """End the background process."""

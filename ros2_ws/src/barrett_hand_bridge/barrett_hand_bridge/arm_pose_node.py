@@ -22,8 +22,10 @@ from barrett_hand_bridge.arm import (
     quaternion_of,
     scara_flange,
 )
+from barrett_hand_bridge.description import urdf
 from barrett_hand_bridge.kinematics import Array
 from grasp_common.messages import nanoseconds
+from grasp_common.terminal import printable
 
 
 class ArmPose:
@@ -46,6 +48,7 @@ class ArmPose:
         self._tell_gravity = tell_gravity
         self._tell_pose = tell_pose
         self._mount = pose_from_numbers(values['hand_mount'])
+        self._own_frames = urdf.names(values).frames
         self._publisher = node.create_publisher(PoseStamped, 'hand_pose', 10)
         self._subscription = (
             node.create_subscription(
@@ -68,7 +71,14 @@ class ArmPose:
         except ArmError as error:
             self._complain(f'arm/pose: {error}')
             return
-        self._publish(flange, nanoseconds(message.header.stamp), message.header.frame_id)
+        frame = message.header.frame_id
+        if not frame or frame in self._own_frames:
+            # As a parent of the hand in TF it would be its own.
+            self._complain(
+                f'arm/pose: {printable(repr(frame), 80)} is no frame outside the hand: not used'
+            )
+            return
+        self._publish(flange, nanoseconds(message.header.stamp), frame)
 
     def _on_joints(self, message: JointState) -> None:
         positions = messages.joint_positions(message)

@@ -4,14 +4,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from barrett_hand_bridge.arm import ArmError, pose_from_numbers
+from barrett_hand_bridge.description import urdf
 from barrett_hand_bridge.gcl.realtime import FEEDBACK
 from grasp_common import parameter_table
 from grasp_common.parameter_table import Parameter, ParameterError
+from grasp_common.terminal import printable
 
 
 def _length_m(name: str, default: float, description: str, highest: float = 0.5) -> Parameter:
@@ -278,11 +280,32 @@ def check_all(values: Mapping[str, Any]) -> None:
         pose_from_numbers(values['hand_mount'])
     except ArmError as error:
         raise ParameterError(f'parameter hand_mount: {error}') from error
+    called = urdf.names(values)
+    _check_names(
+        'hand_frame, tip_frames, world_frame and link_prefix',
+        [*called.frames, str(values['world_frame'])],
+    )
+    _check_names('joint_names', called.joint_names)
     opposed = list(values['opposed_fingers'])
     if opposed != [0] and (len(opposed) != 2 or opposed[0] == opposed[1] or 0 in opposed):
         raise ParameterError(
             f'parameter opposed_fingers is {opposed}, must be two different fingers or [0]'
         )
+
+
+def _check_names(parameters: str, names: Sequence[str]) -> None:
+    """TF is a tree: a frame that is its own parent, or has no name, is in none."""
+    for name in names:
+        if not name.strip() or name.startswith('/') or not name.isprintable():
+            raise ParameterError(
+                f'{printable(repr(name), 80)} is no name (parameters {parameters}): printable '
+                'ones without a leading slash are'
+            )
+        if names.count(name) > 1:
+            raise ParameterError(
+                f'{printable(repr(name), 80)} is the name of two things (parameters '
+                f'{parameters}): give each its own'
+            )
 
 
 def usage() -> str:

@@ -20,6 +20,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
@@ -29,6 +30,7 @@ from std_srvs.srv import Trigger
 from tests.service_calls import answer
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from barrett_hand_bridge.arm_pose_node import ArmPose
 from barrett_hand_bridge.calibration import read_calibration
 from barrett_hand_bridge.commands import hand_calibrate
 from barrett_hand_bridge.emulator.mechanics import HandBody, HandMechanics
@@ -36,6 +38,7 @@ from barrett_hand_bridge.emulator.pty_port import PtyPort
 from barrett_hand_bridge.emulator.serial_hand import SerialHand
 from barrett_hand_bridge.emulator.weighing import weighing_table
 from barrett_hand_bridge.messages import CONTACT_TYPE
+from barrett_hand_bridge.parameters import PARAMETERS
 
 BALL = """
 displacement_m: [0.0, 0.00256, 0.00605, 0.00912, 0.01027]
@@ -390,6 +393,22 @@ def test_parameters_are_checked_while_the_node_runs(start, listener):
     assert not change('close_force', 70.0).successful
     refused = change('calibration', 'other.yaml')
     assert not refused.successful and 'takes effect at configure' in refused.reason
+
+
+def test_a_pose_of_the_arm_in_a_frame_of_the_hand_itself_is_not_used(domain_id):
+    rclpy.init()
+    node, used = LifecycleNode('bridge'), []
+    values = {parameter.name: parameter.default for parameter in PARAMETERS} | {'arm': 'pose'}
+    try:
+        arm = ArmPose(node, values, lambda _: None, lambda frame, *_: used.append(frame))
+        for frame in ('base', 'hand_base', '', 'finger_2_tip', 'world'):
+            message = PoseStamped()
+            message.header.frame_id, message.pose.orientation.w = frame, 1.0
+            arm._on_pose(message)
+        assert used == ['base', 'world']
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
 
 
 def test_the_hand_pose_follows_the_arm(start, listener):

@@ -45,6 +45,14 @@ def test_a_wrong_value_is_named_with_what_is_allowed(name, value, complaint):
         ('opposed_fingers', [1, 1], 'two different fingers'),
         ('hand_mount', [0.0] * 7, 'hand_mount: quaternion'),
         ('opposed_fingers', [0, 1], 'two different fingers'),
+        ('hand_frame', 'finger_1_tip', "'finger_1_tip' is the name of two things"),
+        ('world_frame', 'hand_base', "'hand_base' is the name of two things"),
+        ('tip_frames', ['a', 'b', 'a'], "'a' is the name of two things"),
+        ('tip_frames', ['a', 'b', 'finger_2_knuckle'], 'is the name of two things'),
+        ('joint_names', ['a'] * 7, r"'a' is the name of two things \(parameters joint_names\)"),
+        ('hand_frame', ' ', "' ' is no name"),
+        ('hand_frame', '/hand_base', 'without a leading slash'),
+        ('link_prefix', 'a\n', 'is no name'),
     ],
 )
 def test_values_are_checked_together(name, value, complaint):

@@ -41,6 +41,12 @@ class Names:
     )
     prefix: str = ''
 
+    @property
+    def frames(self) -> list[str]:
+        """All links, every one of them a frame of TF that moves with the hand."""
+        parts = (self.knuckle, self.inner, self.outer, self.tip)
+        return [self.hand_frame, *(part(finger) for finger in FINGERS for part in parts)]
+
     def knuckle(self, finger: int) -> str:
         """The link that turns with the spread."""
         return f'{self.prefix}finger_{finger}_knuckle'

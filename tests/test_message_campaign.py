@@ -27,6 +27,7 @@ from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
 from scipy.spatial import ConvexHull
 from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh, MeshTriangle
@@ -54,8 +55,8 @@ QUIET_S = 0.5
 DAMAGED = 10
 # Latched topics take nothing from a publisher that is not.
 REACHES_ALL = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# What every node listens to by itself, and what only a player of bags sends.
-NOT_OURS = ('/parameter_events', '/clock')
+# What every node listens to by itself.
+NOT_OURS = '/parameter_events'
 CAMERA = {
     'type': 'ViewerCameraMessage', 'wxyz': [1.0, 0.0, 0.0, 0.0], 'position': [1.0, 0.0, 0.0],
     'fov': 1.0, 'near': 0.01, 'far': 10.0, 'image_height': 600, 'image_width': 800,
@@ -64,16 +65,24 @@ CAMERA = {
 # Arguments, what it says when it is ready, and how many messages every queue of it holds.
 NODES = {
     'deformation': (('--ros-args', '-p', 'theory:=koiter'), 'serving', 5),
-    'hand_bridge': (('--ros-args', '-p', 'backend:=emulator', '-p', 'arm:=pose'), 'connected', 5),
-    'scan_compare': (('--ros-args', '-p', 'object:=tennis_ball'), '', 1),
+    'hand_bridge': (
+        ('--ros-args', '-p', 'backend:=emulator', '-p', 'arm:=pose', '-p', 'use_sim_time:=true'),
+        'connected',
+        5,
+    ),
+    'scan_compare': (
+        ('--ros-args', '-p', 'object:=tennis_ball', '-p', 'use_sim_time:=true'),
+        'waiting for scans',
+        1,
+    ),
     'grasp_view': (('--ros-args', '-p', 'port:=8973', '-p', 'rate:=60.0'), 'page ready', 1),
-    'record': (('-a', '--time', 'header', '-o', 'BAG'), 'recording', 5),
+    'record': (('-a', '--time', 'header', '--use-sim-time', '-o', 'BAG'), 'recording', 5),
 }
 # A recorder listens to what somebody publishes.
 RECORDED = {
     '/odd/cloud': PointCloud2, '/odd/joints': JointState, '/odd/path': JointTrajectory,
     '/odd/pose': PoseStamped, '/odd/told': DiagnosticArray, '/odd/mesh': Mesh,
-    '/odd/text': String, '/odd/number': Float64,
+    '/odd/text': String, '/odd/number': Float64, '/clock': Clock,
 }  # fmt: skip
 FINITE = [f'{kind}{axis}' for kind in ('', 'n', 'f', 'u', 'o') for axis in 'xyz']
 FINITE += ['displacement', 'sigma', 'distance', 'radius', 'sigma_n']
@@ -181,7 +190,9 @@ def ball():
     points = 0.03 * np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
     return Mesh(
         vertices=[Point(x=float(x), y=float(y), z=float(z)) for x, y, z in points],
-        triangles=[MeshTriangle(vertex_indices=one) for one in ConvexHull(points).simplices],
+        triangles=[
+            MeshTriangle(vertex_indices=one) for one in np.uint32(ConvexHull(points).simplices)
+        ],
     )
 
 

@@ -93,6 +93,7 @@ def made(make: Callable[[], Made], arguments: Sequence[str] = ()) -> Made:
         raise RosStartError(_reason(error)) from error
     if isinstance(node, Node):
         guard_services(node)
+        guard_clock(node)
         _warn_of_other_nodes(node, arguments)
     return node
 
@@ -183,6 +184,23 @@ def guard_services(node: Node) -> None:
         callback = service.callback
         if str(getattr(callback, '__module__', '')).startswith('rclpy.'):
             service.callback = partial(_answer, node, callback)
+
+
+def guard_clock(node: Node) -> None:
+    """Let no message on /clock end the node: rclpy raises on a time before 1970."""
+    # For a use_sim_time that is set already, and for one that is set later.
+    for subscription in node.subscriptions:
+        if str(getattr(subscription.callback, '__module__', '')) == 'rclpy.time_source':
+            subscription.callback = partial(_set_clock, node, subscription.callback)
+    source: Any = node._time_source
+    source.clock_callback = partial(_set_clock, node, source.clock_callback)
+
+
+def _set_clock(node: Node, callback: Callable[[Any], None], message: Any) -> None:
+    try:
+        callback(message)
+    except (ArithmeticError, ValueError, TypeError) as error:
+        node.get_logger().error(f'/clock is left out: {error}', throttle_duration_sec=5.0)
 
 
 def _answer(node: Node, callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:

@@ -12,9 +12,11 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
 from type_description_interfaces.srv import GetTypeDescription
 
 from grasp_common import main_node
@@ -171,6 +173,23 @@ def test_a_second_publisher_of_a_topic_is_a_warning(domain_id: int, wait_until):
     finally:
         for node in nodes:
             node.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.mark.parametrize('from_the_start', [True, False])
+def test_a_clock_before_1970_is_left_out(domain_id: int, from_the_start: bool):
+    rclpy.init()
+    simulated = rclpy.Parameter('use_sim_time', value=True)
+    given = [simulated] if from_the_start else []
+    node = main_node.made(lambda: Node('guarded', parameter_overrides=given))
+    try:
+        node.set_parameters([simulated])
+        (clock,) = [one for one in node.subscriptions if one.topic_name == '/clock']
+        for seconds in (5, -5):
+            clock.callback(Clock(clock=Time(sec=seconds)))
+        assert node.get_clock().now().nanoseconds == 5 * 10**9
+    finally:
+        node.destroy_node()
         rclpy.try_shutdown()
 
 

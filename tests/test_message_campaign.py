@@ -27,7 +27,6 @@ from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
-from rosgraph_msgs.msg import Clock
 from scipy.spatial import ConvexHull
 from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh, MeshTriangle
@@ -57,6 +56,7 @@ DAMAGED = 10
 REACHES_ALL = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # What every node listens to by itself.
 NOT_OURS = '/parameter_events'
+QUEUES_OF_ONE = ('/clock',)
 CAMERA = {
     'type': 'ViewerCameraMessage', 'wxyz': [1.0, 0.0, 0.0, 0.0], 'position': [1.0, 0.0, 0.0],
     'fov': 1.0, 'near': 0.01, 'far': 10.0, 'image_height': 600, 'image_width': 800,
@@ -66,8 +66,11 @@ CAMERA = {
 NODES = {
     'deformation': (('--ros-args', '-p', 'theory:=koiter'), 'serving', 5),
     'hand_bridge': (
-        ('--ros-args', '-p', 'backend:=emulator', '-p', 'arm:=pose', '-p', 'use_sim_time:=true'),
-        'connected',
+        (
+            *('--ros-args', '-p', 'backend:=emulator', '-p', 'initialize_on_start:=true'),
+            *('-p', 'arm:=pose', '-p', 'use_sim_time:=true'),
+        ),
+        'initialize: initialised',
         5,
     ),
     'scan_compare': (
@@ -76,13 +79,13 @@ NODES = {
         1,
     ),
     'grasp_view': (('--ros-args', '-p', 'port:=8973', '-p', 'rate:=60.0'), 'page ready', 1),
-    'record': (('-a', '--time', 'header', '--use-sim-time', '-o', 'BAG'), 'recording', 5),
+    'record': (('-a', '--time', 'header', '-o', 'BAG'), 'recording', 5),
 }
 # A recorder listens to what somebody publishes.
 RECORDED = {
     '/odd/cloud': PointCloud2, '/odd/joints': JointState, '/odd/path': JointTrajectory,
     '/odd/pose': PoseStamped, '/odd/told': DiagnosticArray, '/odd/mesh': Mesh,
-    '/odd/text': String, '/odd/number': Float64, '/clock': Clock,
+    '/odd/text': String, '/odd/number': Float64,
 }  # fmt: skip
 FINITE = [f'{kind}{axis}' for kind in ('', 'n', 'f', 'u', 'o') for axis in 'xyz']
 FINITE += ['displacement', 'sigma', 'distance', 'radius', 'sigma_n']
@@ -275,14 +278,15 @@ def test_no_message_or_request_ends_a_node_or_makes_it_say_nonsense(begin, sende
 def flood(node, sender, name, topics, counts):
     """Send odd messages to all topics of a node, and between them a mesh that can be drawn."""
     odd = OddMessages([SEED, sorted(NODES).index(name)])
-    burst, sent, taken, damaged, began = NODES[name][2], 0, 0, 0, time.monotonic()
+    burst, sent, damaged, began = NODES[name][2], 0, 0, time.monotonic()
+    first = sum(arrived(counts, topic) for topic in topics)
     for number in range(MESSAGES // burst):
         before = sum(arrived(counts, topic) for topic in topics)
         spoiled = number % DAMAGED == DAMAGED - 1
         last = [
             (topic, odd.octets(kind) if spoiled else odd.message(kind))
             for topic, (_, kind) in topics.items()
-            for _ in range(burst)
+            for _ in range(1 if topic in QUEUES_OF_ONE else burst)
         ]
         for topic, message in last:
             topics[topic][0].publish(message)
@@ -294,8 +298,10 @@ def flood(node, sender, name, topics, counts):
             pytest.fail(f'{told}\n{node.text[-5000:]}')
         if spoiled or not new:
             sender.answers(name)
-        sent, taken = sent + len(last), taken + new
+        sent += len(last)
         damaged += len(last) if spoiled else 0
+    sender.answers(name)
+    taken = sum(arrived(counts, topic) for topic in topics) - first
     print(
         f'{name}: {sent} messages to {len(topics)} topics, {damaged} of them damaged on the wire; '
         f'{taken} arrived; {sender.heard} answers, {len(sender.not_finite)} of them not finite; '

@@ -20,7 +20,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
-from grasp_common.messages import descriptor
+from grasp_common.messages import descriptor, nanoseconds
 from grasp_common.parameter_files import given_files, nodes_in, speaks_to
 from grasp_common.parameter_table import Parameter, ParameterError, unknown
 from grasp_common.terminal import complain, printable
@@ -37,6 +37,9 @@ WRONG_PARAMETERS: tuple[type[Exception], ...] = (
     InvalidParameterValueException,
 )
 """What a node raises while it declares its parameters."""
+
+LATEST_NS = 2**31 * 1_000_000_000
+"""Seconds of a stamp are an int32."""
 
 OF_EVERY_NODE = ('use_sim_time', 'start_type_description_service')
 
@@ -187,7 +190,10 @@ def guard_services(node: Node) -> None:
 
 
 def guard_clock(node: Node) -> None:
-    """Let no message on /clock end the node: rclpy raises on a time before 1970."""
+    """Let no message on /clock end the node.
+
+    rclpy raises on a time before 1970 at once, and on one after 2038 when it stamps a message.
+    """
     # For a use_sim_time that is set already, and for one that is set later.
     for subscription in node.subscriptions:
         if str(getattr(subscription.callback, '__module__', '')) == 'rclpy.time_source':
@@ -197,10 +203,14 @@ def guard_clock(node: Node) -> None:
 
 
 def _set_clock(node: Node, callback: Callable[[Any], None], message: Any) -> None:
-    try:
+    time = nanoseconds(message.clock)
+    if 0 <= time < LATEST_NS:
         callback(message)
-    except (ArithmeticError, ValueError, TypeError) as error:
-        node.get_logger().error(f'/clock is left out: {error}', throttle_duration_sec=5.0)
+    else:
+        node.get_logger().error(
+            f'/clock is left out: {1e-9 * time:.3f} s is no time that a stamp can hold',
+            throttle_duration_sec=5.0,
+        )
 
 
 def _answer(node: Node, callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.msg import ParameterValue
 from rclpy.serialization import serialize_message
 from rosidl_parser.definition import Array, BasicType, NamespacedType, UnboundedSequence
 from sensor_msgs.msg import JointState, PointCloud2, PointField
@@ -72,6 +73,26 @@ class OddMessages:
         for _ in range(int(self._random.integers(1, 6))):
             wire[int(self._random.integers(len(wire)))] = int(self._random.integers(256))
         return bytes(wire[: int(self.pick((len(wire), len(wire), len(wire) // 2, 3)))])
+
+    def value(self, held: ParameterValue) -> ParameterValue:
+        """A value for a parameter that holds another one: mostly of its type, perhaps near it."""
+        if self._random.random() > NEARLY_RIGHT:
+            return self.message(ParameterValue)
+        made = ParameterValue(type=held.type)
+        made.bool_value = bool(self._random.integers(2))
+        near = held.integer_value + int(self._random.integers(-3, 4))
+        made.integer_value = int(self.pick((near, near, self.whole('int64'))))
+        made.double_value = self._near(held.double_value)
+        made.string_value = str(self.pick((held.string_value, *TEXTS[1:])))
+        made.double_array_value = [self._near(one) for one in held.double_array_value]
+        made.integer_array_value = [self.whole('int8') for _ in held.integer_array_value]
+        made.string_array_value = [
+            str(self.pick((one, *TEXTS))) for one in held.string_array_value
+        ]
+        return made
+
+    def _near(self, value: float) -> float:
+        return float(self.pick((value, value * self._random.uniform(0.5, 2.0), self.number())))
 
     def number(self) -> float:
         """An extreme number, or a plain one."""

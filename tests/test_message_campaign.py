@@ -23,7 +23,7 @@ import rclpy
 import viser
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, PoseStamped
-from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
@@ -79,6 +79,7 @@ NODES = {
         1,
     ),
     'grasp_view': (('--ros-args', '-p', 'port:=8973', '-p', 'rate:=60.0'), 'page ready', 1),
+    'replay': (('CAN', '--loop', '--start-paused'), '', 1),
     'record': (('-a', '--time', 'header', '-o', 'BAG'), 'recording', 5),
 }
 # A recorder listens to what somebody publishes.
@@ -106,7 +107,7 @@ class Sender:
     def hear(self, name):
         """Keep every cloud and every joint state of a node that is not finite."""
         for topic, kinds in self.node.get_publisher_names_and_types_by_node(name, '/'):
-            if kinds[0].endswith(('/PointCloud2', '/JointState')) and topic != '/scan/numbers':
+            if kinds[0].endswith(('/PointCloud2', '/JointState')) and 'numbers' not in topic:
                 package, _, kind = kinds[0].split('/')
                 made = getattr(importlib.import_module(f'{package}.msg'), kind)
                 self.node.create_subscription(
@@ -234,7 +235,8 @@ def begin(start, sender, tmp_path):
 
     def started(name):
         arguments, ready, _ = NODES[name]
-        words = [str(tmp_path / 'bag') if word == 'BAG' else word for word in arguments]
+        paths = {'BAG': tmp_path / 'bag', 'CAN': Path(__file__).parents[1] / 'bags/half_soda_can'}
+        words = [str(paths.get(word, word)) for word in arguments]
         program = Path(__file__).with_name('counted.py')
         node = start('python', program, counts, executable(name), *words)
         if ready:
@@ -259,7 +261,7 @@ def lives(node, sender, name):
 @pytest.mark.parametrize('name', sorted(NODES))
 def test_no_message_or_request_ends_a_node_or_makes_it_say_nonsense(begin, sender, name, tmp_path):
     node, counts = begin(name)
-    sender.until(lambda: sender.topics(name), 60.0)
+    sender.until(lambda: sender.topics(name) or name == 'replay', 60.0)
     topics = sender.topics(name)
     sender.until(lambda: all(one.get_subscription_count() for one, _ in topics.values()), 60.0)
     sender.hear(name)
@@ -307,7 +309,7 @@ def flood(node, sender, name, topics, counts):
         f'{taken} arrived; {sender.heard} answers, {len(sender.not_finite)} of them not finite; '
         f'{time.monotonic() - began:.0f} s, load {os.getloadavg()[0]:.1f}'
     )
-    assert taken > 0.5 * (sent - damaged)
+    assert taken >= 0.5 * (sent - damaged)
 
 
 def take(sender, topics, counts, before, wanted):
@@ -344,18 +346,26 @@ def test_no_parameter_ends_a_node(begin, sender, name):
     node, _ = begin(name)
     client = sender.node.create_client(ListParameters, f'/{name}/list_parameters')
     names = answer(client, ListParameters.Request(), sender.until).result.names
+    client = sender.node.create_client(GetParameters, f'/{name}/get_parameters')
+    held = answer(client, GetParameters.Request(names=names), sender.until).values
     client = sender.node.create_client(SetParameters, f'/{name}/set_parameters')
     sender.until(client.service_is_ready)
     odd = OddMessages([SEED, 7])
     accepted = 0
-    for _ in range(VALUES // 20):
-        values = [
-            Parameter(name=odd.pick(names), value=odd.message(ParameterValue)) for _ in range(20)
+    for _ in range(VALUES // 10):
+        chosen = [int(odd.pick(range(len(names)))) for _ in range(10)]
+        values = [Parameter(name=names[n], value=odd.value(held[n])) for n in chosen]
+        # One that cannot be refuses all of its request.
+        futures = [
+            client.call_async(SetParameters.Request(parameters=[value])) for value in values
         ]
-        future = client.call_async(SetParameters.Request(parameters=values))
-        hangs = partial(str, f'{name} hangs on {values}')
-        sender.until(lambda future=future: future.done() or node.process.poll(), 60.0, hangs)
+        told = partial(str, f'{name} hangs on {values}')
+        sender.until(
+            lambda futures=futures: all(one.done() for one in futures) or node.process.poll(),
+            60.0,
+            told,
+        )
         assert node.process.poll() is None, f'{values}\n{node.text[-5000:]}'
-        accepted += sum(one.successful for one in future.result().results)
+        accepted += sum(one.result().results[0].successful for one in futures)
     print(f'{name}: {VALUES} values of {len(names)} parameters, {accepted} accepted')
     lives(node, sender, name)

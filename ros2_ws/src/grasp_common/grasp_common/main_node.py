@@ -73,8 +73,8 @@ def start_ros(arguments: Sequence[str]) -> None:
         rclpy.init(args=list(arguments))
     except ParameterError as error:
         raise RosStartError(str(error)) from error
-    except WRONG_ROS_ARGUMENTS:
-        raise
+    except WRONG_ROS_ARGUMENTS as error:
+        raise type(error)(_reason(error)) from error
     except rclpy_implementation.RCLError as error:
         raise RosStartError(_reason(error)) from error
 
@@ -124,10 +124,20 @@ def _reason(error: Exception) -> str:
 
 
 def declare(node: Node, parameters: Iterable[Parameter]) -> None:
-    """Declare the table on the node and warn of given names that are none of its parameters."""
+    """Declare the table on the node and warn of given names that are none of its parameters.
+
+    Raises ParameterError for a value of another type.
+    """
     table = tuple(parameters)
     for parameter in table:
-        node.declare_parameter(parameter.name, parameter.default, descriptor(parameter))
+        try:
+            node.declare_parameter(parameter.name, parameter.default, descriptor(parameter))
+        except InvalidParameterTypeException as error:
+            given = node._parameter_overrides[parameter.name]
+            raise ParameterError(
+                f'{parameter.name} is {given.value!r}, of type {given.type_.name}; it must be of '
+                f'the type of {parameter.default!r}: {parameter.description}'
+            ) from error
     warn_of_unknown(node, [parameter.name for parameter in table])
 
 
@@ -257,7 +267,7 @@ def run_node(
     try:
         given = remove_ros_args(everything)
     except WRONG_ROS_ARGUMENTS as error:
-        complain(program, error)
+        complain(program, _reason(error))
         return 2
     if usage is not None and {'-h', '--help'} & set(given):
         print(usage())

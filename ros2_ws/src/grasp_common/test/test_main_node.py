@@ -92,7 +92,9 @@ def test_an_unknown_parameter_is_named_with_the_nearest(domain_id: int) -> None:
     [
         (('--nonsense',), 2, "small: unknown argument '--nonsense'; see --help"),
         (('--ros-args', '-r', '__node:=a b'), 2, 'small: '),
-        (('--ros-args', '-p', 'speed:=fast'), 1, 'small: '),
+        (('--ros-args', '-p', 'speed:=fast'), 1, "small: speed is 'fast', of type STRING; it"),
+        (('--ros-args', '-p', 'speed:=1'), 1, 'must be of the type of 1.0: how fast (m/s)'),
+        (('--ros-args', '--params-file'), 2, 'No file path provided'),
         (('--ros-args', '-p', 'speed:=-1.0'), 1, 'speed'),
     ],
 )
@@ -101,6 +103,7 @@ def test_wrong_arguments_are_one_sentence(
 ) -> None:
     got, text = ended(*arguments)
     assert got == code and complaint in text and 'Traceback' not in text
+    assert '/src/' not in text and text.count('\n') == 1
 
 
 def test_a_file_of_parameters_that_is_none_is_refused_by_name(domain_id: int, tmp_path: Path):

@@ -45,8 +45,8 @@ from grasp_common.point_cloud import CloudReader
 SOAK = bool(os.environ.get('SOAK'))
 MESSAGES = int(os.environ.get('MESSAGES', 4_000 if SOAK else 60))
 SEED = int(os.environ.get('SEED', 0))
-REQUESTS = 200 if SOAK else 5
-VALUES = 4_000 if SOAK else 60
+REQUESTS = 40 if SOAK else 5
+VALUES = 2_000 if SOAK else 60
 PATIENCE_S = 20.0
 # A burst of which so long nothing more arrives has lost the rest on the way.
 QUIET_S = 0.5

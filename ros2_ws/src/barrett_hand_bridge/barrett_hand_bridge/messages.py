@@ -46,6 +46,8 @@ CONTACT_TYPE = np.dtype(
 )
 # What parameter close_force allows.
 MOST_FORCE_N = 25.0
+# A minute at 100 Hz and more; to check them holds the node up.
+MOST_POINTS = 10_000
 _CONTACT_FIELDS = point_fields(CONTACT_TYPE)
 
 
@@ -235,6 +237,10 @@ def trajectory_points(message: JointTrajectory, names: Sequence[str]) -> list[Tr
         named = unknown[0] if unknown else '(none)'
         raise MotionError(
             f"trajectory for joint '{printable(named, 80)}': only {allowed} can be commanded"
+        )
+    if len(message.points) > MOST_POINTS:
+        raise MotionError(
+            f'the trajectory has {len(message.points)} points; {MOST_POINTS} are followed at most'
         )
     points = []
     for number, point in enumerate(message.points, start=1):

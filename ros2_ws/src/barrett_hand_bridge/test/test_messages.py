@@ -86,6 +86,13 @@ def test_other_trajectories_are_refused(names, positions, complaint):
         messages.trajectory_points(trajectory(names, positions), NAMES)
 
 
+def test_a_trajectory_without_end_is_refused():
+    endless = trajectory(['f1_2'], [0.5])
+    endless.points = endless.points * 10_001
+    with pytest.raises(MotionError, match='10001 points; 10000 are followed at most'):
+        messages.trajectory_points(endless, NAMES)
+
+
 def test_poses_come_back_as_seven_numbers():
     pose = messages.pose_message(np.array([1.0, 2, 3]), np.array([0, 0, 0, 1.0]), 9, 'world')
     assert messages.pose_numbers(pose) == (1, 2, 3, 0, 0, 0, 1)

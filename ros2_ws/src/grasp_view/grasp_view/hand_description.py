@@ -25,6 +25,10 @@ TURNING, SLIDING = ('revolute', 'continuous'), ('prismatic',)
 OUTER_PER_INNER = 1.0 / 3.0
 
 
+MOST_PARTS = 1000
+"""Joints, and visuals, of a robot that is drawn."""
+
+
 class DescriptionError(ValueError):
     """A robot description that cannot be read; the text says why."""
 
@@ -101,6 +105,11 @@ def read_description(text: str) -> Description:
         raise DescriptionError(f'robot_description is no XML: {error}') from error
     joints = [_joint(element) for element in root.findall('joint')]
     visuals = [visual for link in root.findall('link') for visual in _visuals(link)]
+    if max(len(joints), len(visuals)) > MOST_PARTS:
+        raise DescriptionError(
+            f'robot_description has {len(joints)} joints and {len(visuals)} visuals; '
+            f'{MOST_PARTS} of each are drawn at most'
+        )
     return Description(tuple(visuals), tuple(_in_order(joints)))
 
 
@@ -190,7 +199,8 @@ def package_file(address: str) -> Path | None:
     """The file of a `package://name/path` address on this machine; None where there is none."""
     scheme, _, rest = address.partition('://')
     package, _, path = rest.partition('/')
-    if scheme != 'package' or not package or '..' in Path(path).parts:
+    outside = '..' in Path(path).parts or Path(path).is_absolute()
+    if scheme != 'package' or not package or outside:
         return None
     folders = [
         Path(prefix) / 'share' / package

@@ -22,6 +22,9 @@ from .hand_description import joint_positions
 from .poses import FARTHEST_M, Floats, Pose
 from .scene_model import Cloud, Contacts, Mesh, Surface
 
+MOST_TRIANGLES = 200_000
+"""Of a mesh that is drawn, and of its vertices."""
+
 
 def seconds(stamp: Time) -> float:
     """A ROS time as seconds."""
@@ -159,8 +162,11 @@ def read_cloud(message: PointCloud2, most: int) -> Cloud:
 def read_mesh(message: MeshMessage) -> Mesh:
     """`deformation/mesh`; raises MessageError if a triangle names a vertex that is not there.
 
-    And for one that cannot be drawn: without triangles, or with vertices nowhere.
+    And for one that cannot be drawn: without triangles, with too many, or with vertices nowhere.
     """
+    count = max(len(message.vertices), len(message.triangles))
+    if count > MOST_TRIANGLES:
+        raise MessageError(f'the mesh has {count} parts; {MOST_TRIANGLES} are drawn at most')
     rest = np.array([(p.x, p.y, p.z) for p in message.vertices], dtype=np.float64).reshape(-1, 3)
     faces = [t.vertex_indices for t in message.triangles]
     triangles = np.array(faces, dtype=np.int64).reshape(-1, 3)

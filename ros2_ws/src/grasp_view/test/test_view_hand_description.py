@@ -95,6 +95,13 @@ def test_a_description_that_is_none_is_one_sentence(text: str, why: str) -> None
         read_description(text)
 
 
+def test_a_robot_of_more_joints_than_a_page_can_draw_is_refused() -> None:
+    joint = '<joint name="{0}" type="fixed"><parent link="{0}"/><child link="{1}"/></joint>'
+    chain = ''.join(joint.format(number, number + 1) for number in reversed(range(1001)))
+    with pytest.raises(DescriptionError, match='1001 joints and 0 visuals; 1000 of each'):
+        read_description(f'<robot>{chain}</robot>')
+
+
 @given(st.text(max_size=60))
 def test_no_text_ends_otherwise_than_read_or_refused(text: str) -> None:
     try:
@@ -111,6 +118,7 @@ def test_no_text_ends_otherwise_than_read_or_refused(text: str) -> None:
         'package://barrett_hand_bridge/../parameters.py',
         'package://no_such_package_of_ours/mesh.stl',
         'package://os.path/mesh.stl',
+        'package://barrett_hand_bridge//etc/passwd',
     ],
 )
 def test_only_data_of_packages_are_read(address: str) -> None:

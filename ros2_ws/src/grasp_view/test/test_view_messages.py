@@ -139,6 +139,11 @@ def test_contacts_survive_the_wire(
         assert np.array_equal(getattr(read, name), getattr(sent, name))
 
 
+def test_a_mesh_that_is_too_large_to_be_drawn_is_refused() -> None:
+    with pytest.raises(MessageError, match='200001 parts; 200000 are drawn at most'):
+        read_mesh(Mesh(vertices=[Point()] * 200_001))
+
+
 def test_a_mesh_that_names_a_vertex_it_does_not_have_is_refused() -> None:
     message = Mesh(
         vertices=[Point()] * 3,

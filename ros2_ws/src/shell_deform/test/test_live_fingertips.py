@@ -373,3 +373,34 @@ def test_fingertips_rub_on_an_object_whose_grip_turns(tube):
     assert 0.0 < torques[0] <= 1.05 * MU * float(pushes @ arms)
     # All of it slips: to turn on takes no more.
     assert torques[2] == pytest.approx(torques[1], rel=0.05)
+
+
+EGG = """
+name: egg
+surface: {ellipsoid: {outer_diameters_m: [0.044, 0.044, 0.057]}}
+thickness_m: 0.001
+young_modulus_pa: 1.0e+7
+poisson_ratio: 0.35
+source: a test
+"""
+
+
+def test_a_grasp_with_a_loose_direction_is_told_and_loses_no_equilibrium(tmp_path):
+    """Two rods that only just touch an egg along its axis: it rolls between them."""
+    egg, rod = tmp_path / 'egg.yaml', tmp_path / 'rod.yaml'
+    egg.write_text(EGG)
+    rod.write_text('name: rod\nrod: {radius_m: 0.005, length_m: 0.02}\n')
+    bodies = read_finger_bodies(str(rod))
+    places = np.array([[0.022, 0.0, 0.0], [-0.022, 0.0, 0.0]])
+    model = build_model(bodies.touching(load_object(str(egg)), places), control_vertices=300)
+    live = Rehearsal(model, live_hand.Settings(live_hand.SURE), bodies.loaded())
+    path = LoadPath(STEP, 0.015)
+    for number, depth in enumerate((0.0, 2e-4)):
+        sample = live_hand.opposed(
+            [5.0] * 2, [depth] * 2, outer_radius=0.022, stamp=number + 1, radius=5e-3
+        )
+        live.follow(replace(sample, along=np.array([[0.0, 0.0, 1.0]] * 2)), path, MU)
+    adopted, response = live.estimator.adopted, live.solver._held.response
+    assert (adopted.share, adopted.message) == (1.0, '')
+    assert adopted.response.force.min() > 0.1
+    assert np.all(np.isfinite(response.force))

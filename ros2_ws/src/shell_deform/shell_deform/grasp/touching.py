@@ -40,6 +40,9 @@ from shell_deform.solve.newton import EquilibriumSolver
 
 Array = NDArray[np.float64]
 
+SMALL_CHANGE = 1e-3
+"""Of what a contact carries: so much is changed at most where the turn of normals is taken."""
+
 
 def read_grasp(
     model: ShellModel, patches: tuple[ContactPatch, ...], state: Equilibrium, friction: float
@@ -178,13 +181,13 @@ def touched_response(
 ) -> Response:
     """What that motion changes of each contact: its push, its place, its friction, its normal."""
     *wrenched, relieved = zip(standing.motion.T, standing.border.T, strict=True)
+    small = np.array([_small_load(model, state, motion) for motion, _ in wrenched])
     around = [
-        read_grasp(model, patches, _moved(model, patches, state, SMALL_LOAD, *columns), 0.0)
-        for columns in wrenched
+        read_grasp(model, patches, _moved(model, patches, state, load, *columns), 0.0)
+        for load, columns in zip(small.tolist(), wrenched, strict=True)
     ]
     push, across, spin = (
-        np.stack([(getattr(one, name) - getattr(grasp, name)) for one in around], axis=-1)
-        / SMALL_LOAD
+        np.stack([(getattr(one, name) - getattr(grasp, name)) for one in around], axis=-1) / small
         for name in ('push', 'tangential', 'spin')
     )
     before = grasp.push[:, None] * grasp.normal + grasp.tangential
@@ -194,7 +197,7 @@ def touched_response(
     compliance = standing.loads.T @ standing.motion[: len(standing.loads), :-1]
     slipping = _slipping(patches, _moved(model, patches, state, 1.0, *relieved), grasp)
     return Response(
-        standing.centre, force / SMALL_LOAD, Sharing(push, across, spin), compliance, slipping
+        standing.centre, force / small, Sharing(push, across, spin), compliance, slipping
     )
 
 
@@ -216,6 +219,22 @@ def _slipping(
         there = _touched(patch, patch.body, bare, np.zeros(HELD_ROWS), 0.0)
         share[i], arm[i] = there.push[0] / grasp.push[i], there.arm[0]
     return Slipping(share, arm)
+
+
+def _small_load(model: ShellModel, state: Equilibrium, motion: Array) -> float:
+    """A load [N, N m], whose unit moves the unknowns (N,), that changes little of any contact.
+
+    A body that only just touches is soon lifted off, and a grasp with a loose direction goes far.
+    """
+    face: Face = model.outer_face
+    step, largest = motion.reshape(-1, 3), 0.0
+    for touch in state.touches:
+        carried = float(touch.weights @ touch.pressure)
+        if carried > 0.0:
+            moved = face.moved(touch.face, step)
+            force = touch.weights[:, None] * np.einsum('pij,pj->pi', touch.stiffness, moved)
+            largest = max(largest, float(np.linalg.norm(force, axis=1).sum()) / carried)
+    return min(SMALL_LOAD, SMALL_CHANGE / largest) if largest > 0.0 else SMALL_LOAD
 
 
 def _moved(
@@ -257,6 +276,6 @@ def _pressed_on(body: Body, touch: Touch, face: FacePoints | ThickFacePoints) ->
     return replace(
         touch,
         face=face,
-        pressure=touch.pressure * value / before,
+        pressure=touch.pressure * np.maximum(value / before, 0.0),
         traction=touch.traction - np.einsum('pij,pj->pi', touch.stiffness, moved),
     )

@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
+# A coefficient of friction that nothing exceeds.
+ROUGH = 1e9
 # Points further from a body than this share of the shell do not come to touch it in one step.
 FAR = 0.1
 
@@ -260,6 +262,28 @@ class ContactField:
             np.array(touching, dtype=np.int64),
             missing,
         )
+
+    @property
+    def sticking(self) -> ContactField:
+        """The same with friction that lets nothing slip further than it has."""
+        rough = tuple(
+            replace(body, friction=ROUGH) if body.friction > 0.0 else body for body in self.bodies
+        )
+        return replace(self, bodies=rough)
+
+    def carried(self, press: Press, depth: Array, motion: Array) -> Array:
+        """(N,) nodal forces of bodies that go on to their depths (c,) and motions (c, 6).
+
+        To first order, from where they are in `press`; who touches, sticks and slips stays.
+        """
+        result = np.zeros(press.gradient.size)
+        for touch in press.touches:
+            c, places = int(self.contacts[touch.body]), touch.face.position
+            there = self.bodies[touch.body].posed(float(depth[c]), motion[c])
+            way = there.outside(touch.pose.inside(places)) - places
+            force = touch.weights[:, None] * np.einsum('pij,pj->pi', touch.stiffness, way)
+            result += self.face.forces(touch.face, force).reshape(-1)
+        return result
 
     def _pressed(self, pose: Pose, body: Body, places: Array) -> tuple[Index, Distance]:
         """Which points a body overlaps, and their distances."""

@@ -59,8 +59,11 @@ class ContactStep:
         self._free = (positions - self._model.start).reshape(-1)
         depth = self._field.start(self._loads.moved, present.displacement)
         press = self._press(depth)
-        if guess is None and self._carried(present, press):
-            return replace(present, iterations=0, factorisations=0)
+        if guess is None:
+            if self._carried(present, press):
+                return replace(present, iterations=0, factorisations=0)
+            self._free = self._free + self._begun(present, depth)
+            press = self._press(depth)
         message = self._iterate(press) or self._thrown_out(present)
         if not message:
             return self._state()
@@ -71,6 +74,35 @@ class ContactStep:
             iterations=self._iterations,
             factorisations=self._factorisations,
         )
+
+    def _begun(self, present: Equilibrium, depth: Array) -> Array:
+        """How the unknowns (N,) begin to follow bodies that turn back or aside: all of it sticks.
+
+        Bodies that draw back further than they overlap the face would else touch nothing, and
+        where everything slips a free object resists no further turn.
+        """
+        none, loads, bordering = np.zeros_like(self._free), self._loads, self._bordering
+        if present.motion is None or not present.touches:
+            return none
+        field = self._field.sticking
+        press = field.press(present.unknowns, present.displacement, loads.force, present.motion)
+        if not any(len(touch.pressure) for touch in press.touches):
+            return none
+        moved = self._free.reshape(-1, 3)
+        tangent = touched_tangent(
+            self._model.tangent(present.unknowns, loads.target, moved), field, press
+        )
+        unbalanced = self._fixed_push - tangent.gradient - press.eliminated(press)
+        unbalanced += field.carried(press, depth, loads.motion)
+        lacking = (loads.moved - bordering.measure.T @ self._free)[bordering.driven]
+        below = np.concatenate([lacking, -bordering.held.T @ self._free])
+        self._factorisations += 1
+        try:
+            step = self._solver.system(tangent, bordering).solve(unbalanced, below)[0]
+        except FactorError:
+            return none
+        largest = float(np.abs(step).max(initial=0.0))
+        return step if largest <= self._options.largest_move * self._wall else none
 
     def _thrown_out(self, present: Equilibrium) -> str:
         """Why the state that was found is none of a grasp, or nothing.

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from shell_deform.building import build_model, object_contacts, with_material
 from shell_deform.contact.body_file import load_body
 from shell_deform.contact.loads import ContactPatch
+from shell_deform.contact.region import pressed_areas
 from shell_deform.contact.taxels import FingerReading, finger_reading
 from shell_deform.model import ShellModel
 from shell_deform.objects import ShellObject, load_object
@@ -138,7 +139,7 @@ class Squeezed:
     @cached_property
     def fingers(self) -> tuple[FingerReading, ...]:
         """What the rigid bodies feel: contact region, its part that sticks, forces on cells."""
-        return finger_readings(self.shell.description, self.state)
+        return finger_readings(self.shell.description, self.model, self.state)
 
     @property
     def energy(self) -> float:
@@ -356,14 +357,23 @@ def load(
     )
 
 
-def finger_readings(description: ShellObject, state: Equilibrium) -> tuple[FingerReading, ...]:
-    """What each fingertip, or pad with friction, of an object feels at a state, in their order."""
+def finger_readings(
+    description: ShellObject, model: ShellModel, state: Equilibrium
+) -> tuple[FingerReading, ...]:
+    """What each fingertip or pad of an object feels at a state of its model, in their order."""
     fingers = [contact.finger for contact in description.contacts if contact.is_rigid]
     cells = [
         np.zeros((0, 3)) if finger is None else load_body(finger.body, finger.unit).cells
         for finger in fingers
     ]
-    return tuple(finger_reading(touch, cells[touch.body]) for touch in state.touches)
+    if state.memory is None:
+        return ()
+    return tuple(
+        finger_reading(
+            touch, pressed_areas(model.outer_face, state.memory, touch), cells[touch.body]
+        )
+        for touch in state.touches
+    )
 
 
 def warnings_of(model: ShellModel, state: Equilibrium, readout: Readout) -> tuple[str, ...]:

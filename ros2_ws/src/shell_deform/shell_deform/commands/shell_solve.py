@@ -96,7 +96,7 @@ def _solve(options: argparse.Namespace) -> None:
                 'vertices': len(model.rest),
                 'cpu_seconds': cpu,
                 'points': [
-                    {**_point(solved, sweep), **_fingers(shell_object, solved.state)}
+                    {**_point(solved, sweep), **_fingers(shell_object, model, solved.state)}
                     for solved in results
                 ],
                 **({'hold': [one.row(sweep) for one in held]} if options.hold else {}),
@@ -228,7 +228,7 @@ def _point(solved: Solved, sweep: GripSweep | None) -> dict[str, Any]:
     }
 
 
-def _fingers(shell_object: ShellObject, state: Equilibrium) -> dict[str, Any]:
+def _fingers(shell_object: ShellObject, model: ShellModel, state: Equilibrium) -> dict[str, Any]:
     """Contact regions and touch cells of the rigid bodies, where there are any."""
     fingers = [
         {
@@ -238,7 +238,7 @@ def _fingers(shell_object: ShellObject, state: Equilibrium) -> dict[str, Any]:
             'sticking_m2': finger.sticking,
             'cells_n': finger.cells.tolist(),
         }
-        for finger in finger_readings(shell_object, state)
+        for finger in finger_readings(shell_object, model, state)
     ]
     return {'fingers': fingers} if fingers else {}
 

@@ -69,14 +69,17 @@ class FingerReading:
     cells: Array
 
 
-def finger_reading(touch: Touch, centres: Array) -> FingerReading:
-    """What the body of a contact feels; `centres` (c, 3) of its cells, in its frame [m]."""
+def finger_reading(touch: Touch, areas: Array, centres: Array) -> FingerReading:
+    """What the body of a contact feels; `centres` (c, 3) of its cells, in its frame [m].
+
+    `areas` (p,): of its region, by `pressed_areas`.
+    """
     weights = touch.weights
     return FingerReading(
         push=float(weights @ touch.pressure),
         friction=float(weights @ np.linalg.norm(touch.friction, axis=1)),
-        area=float(weights.sum()),
-        sticking=float(weights[touch.sticking].sum()),
+        area=float(areas.sum()),
+        sticking=float(areas[touch.sticking].sum()),
         points=len(weights),
         cells=cell_forces(touch, centres) if len(centres) else np.zeros((0, 3)),
     )

@@ -23,6 +23,7 @@ from shell_deform.contact.bodies import BodyError
 from shell_deform.contact.body_file import FingerBody
 from shell_deform.contact.contact_field import Memory, contact_field
 from shell_deform.contact.finger_bodies import of_finger, sizes
+from shell_deform.contact.region import pressed_areas
 from shell_deform.grasp.contacts import GraspContacts
 from shell_deform.grasp.reading import (
     Response,
@@ -367,6 +368,12 @@ class FingertipSolver:
             np.concatenate([state.force, across, touched.rigid, [0.0]]),
         )
 
+    def _areas(self, state: Equilibrium) -> list[Array]:
+        """Of the contact region of each body, by its pressed points [m^2]."""
+        assert state.memory is not None
+        face = self._solver.model.outer_face
+        return [pressed_areas(face, state.memory, touch) for touch in state.touches]
+
     def _begin(self, fingers: tuple[Finger, ...]) -> None:
         """Other contacts: linear theory from rest for pins at their places."""
         self.pins.generation += 1
@@ -479,7 +486,7 @@ class FingertipSolver:
             surface=held.columns.surface,
             normals=self.model.surface.vertex_normals(state.positions),
             energy_density=self._energy_density.at(state.positions),
-            taxels=taxel_rows(fingers, state.touches),
+            taxels=taxel_rows(fingers, state.touches, self._areas(state)),
         )
         write(slot, answer, self._wall)
         fill_grasp(slot.record, held.response, held.wall)

@@ -7,6 +7,8 @@ pressure at a point has no limit as meshes become finer.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,14 +20,19 @@ from shell_deform.live.exchange import MAX_TAXELS, TAXEL_FIELDS
 Array = NDArray[np.float64]
 
 
-def taxel_rows(fingers: tuple[Finger, ...], touches: tuple[Touch, ...]) -> Array:
-    """(t, f) rows of `TAXEL_FIELDS` in the object's frame; a body without cells is one itself."""
-    parts = [_rows(finger, touch) for finger, touch in zip(fingers, touches, strict=True)]
+def taxel_rows(
+    fingers: tuple[Finger, ...], touches: tuple[Touch, ...], areas: Sequence[Array]
+) -> Array:
+    """(t, f) rows of `TAXEL_FIELDS` in the object's frame; a body without cells is one itself.
+
+    `areas`: of each touch (p,), by `pressed_areas`.
+    """
+    parts = [_rows(*one) for one in zip(fingers, touches, areas, strict=True)]
     rows = np.concatenate(parts) if parts else np.zeros((0, len(TAXEL_FIELDS)))
     return rows[:MAX_TAXELS]
 
 
-def _rows(finger: Finger, touch: Touch) -> Array:
+def _rows(finger: Finger, touch: Touch, areas: Array) -> Array:
     centres, weights, face = finger.carried.cells, touch.weights, touch.face.position
     whole = not len(centres)
     if whole:
@@ -39,14 +46,14 @@ def _rows(finger: Finger, touch: Touch) -> Array:
     def summed(values: Array) -> Array:
         return np.asarray(shares @ values, dtype=float)
 
-    area = summed(weights)
+    area = summed(areas)
     touched = np.where(area > 0.0, area, 1.0)
     friction = np.linalg.norm(touch.friction, axis=1)
     rows = np.zeros((count, len(TAXEL_FIELDS)))
     rows[:, 0:3] = touch.pose.outside(centres)
     rows[:, 3:6] = touch.pose.distance(finger.carried.shape, rows[:, 0:3]).normal
     rows[:, 6:9] = np.stack([summed(part) for part in touch.forces.T], axis=1)
-    rows[:, 9], rows[:, 10] = area, summed(weights * touch.sticking)
+    rows[:, 9], rows[:, 10] = area, summed(areas * touch.sticking)
     rows[:, 11] = summed(weights * touch.pressure) / touched
     rows[:, 12] = summed(weights * friction) / touched
     rows[:, 13], rows[:, 14] = finger.number, np.arange(count)

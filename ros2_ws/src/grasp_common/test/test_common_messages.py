@@ -31,6 +31,11 @@ def test_a_stamp_keeps_its_nanoseconds(stamp: int) -> None:
     assert messages.nanoseconds(messages.time_message(stamp)) == stamp
 
 
+def test_a_stamp_that_no_time_holds_becomes_its_first_or_last_second() -> None:
+    assert messages.time_message(2**31 * 10**9 + 5).sec == 2**31 - 1
+    assert messages.time_message(-(2**31 + 9) * 10**9).sec == -(2**31)
+
+
 def test_diagnostics_carry_level_name_and_values() -> None:
     values = {'depth': 1.23456789, 'name': '\x1b[31m', 'broken': '\udcff'}
     status = messages.diagnostics(1, 'left/hand: part', 'warn', 'hot', values, 'BH8-262').status[0]

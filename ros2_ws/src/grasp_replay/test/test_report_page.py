@@ -27,7 +27,7 @@ from grasp_replay.report import (
 from grasp_replay.report.errors import error_scales, nice_ceiling, scan_displacement, vertex_errors
 from grasp_replay.report.numbering import numbered
 from grasp_replay.report.section import cut, dent_section
-from grasp_replay.report.write import _modulus
+from grasp_replay.report.write import _modulus, _unbeaten
 from grasp_replay.results import published_lines
 
 RADIUS = 0.0325
@@ -235,6 +235,12 @@ def test_a_difference_within_the_noise_floor_is_not_made_bold(
         for scene in scenes
     )
     assert 'best' not in first and second.count('best') == 1
+
+
+def test_the_best_are_those_that_none_undercuts_by_more_than_the_floor() -> None:
+    assert _unbeaten([0.10, 0.12, None, 0.2], 0.03) == {0, 1}
+    assert _unbeaten([0.10, 0.12, 0.2], 0.01) == {0}
+    assert _unbeaten([0.10, 0.12], 0.03) == set()
 
 
 def test_verdicts_stand_under_the_table(tmp_path: Path, results: dict) -> None:

@@ -3,6 +3,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from shell_deform.identify.modulus import (
     squeeze_data,
     thickness_sensitivity,
 )
-from shell_deform.identify.squeeze_bag import read_squeeze
+from shell_deform.identify.squeeze_bag import _good, read_squeeze
 from shell_deform.objects import load_object
 
 PUBLISHED = np.array([[10.631, 2.56e-3], [16.503, 6.05e-3], [20.373, 9.12e-3], [21.485, 10.27e-3]])
@@ -292,3 +293,38 @@ def test_a_plot_without_a_folder_fails_before_the_work(tmp_path, capsys):
 def test_a_missing_file_is_one_sentence(capsys):
     assert shell_identify.main(['nothing.csv', '--object', 'tennis_ball']) == 1
     assert 'nothing.csv does not exist' in capsys.readouterr().err
+
+
+def cloud_of(**columns):
+    """A point cloud message of float32 columns; `finger` and `flags` are bytes."""
+    kinds = {name: 2 if name in ('finger', 'flags') else 7 for name in columns}
+    layout = np.dtype([(name, 'u1' if kind == 2 else '<f4') for name, kind in kinds.items()])
+    points = np.zeros(len(columns['flags']), layout)
+    for name, column in columns.items():
+        points[name] = column
+    fields = [
+        SimpleNamespace(name=name, datatype=kind, offset=layout.fields[name][1])
+        for name, kind in kinds.items()
+    ]
+    return SimpleNamespace(fields=fields, point_step=layout.itemsize, data=points.tobytes())
+
+
+def test_only_a_tared_fresh_fitted_gauge_that_touches_tells_a_squeeze():
+    flags = [1, 0, 1 | 2, 1 | 4, 1 | 8, 1 | 16, 1 | 32]
+    fingers, rows = _good(
+        cloud_of(
+            finger=range(7),
+            nx=0.6,
+            ny=0.8,
+            nz=0.0,
+            fx=3.0,
+            fy=4.0,
+            fz=9.0,
+            sigma_n=0.2,
+            travel=2e-3,
+            sigma_travel=1e-4,
+            flags=flags,
+        )  # fmt: skip
+    )
+    assert fingers == [0]
+    assert rows == pytest.approx(np.array([[2e-3, 5.0, 0.2, 1e-4]]), rel=1e-6)

@@ -61,10 +61,15 @@ def arrow_body(tail: Floats, head: Floats, extent: float) -> tuple[Floats, Ints]
     return vertices, np.array(faces)
 
 
+def extent_of(surface: Surface) -> float:
+    """The middle one of a body's three sizes; 0 for one that is no more than a line."""
+    return float(np.median(np.ptp(deformed(surface, 0.0), axis=0)))
+
+
 def arrow_ends(touch: Touch, surface: Surface) -> tuple[Floats, Floats, float]:
     """Tail and head (3,) m beside a finger, and the body's extent."""
     axis = axis_of(touch, surface)
-    extent = float(np.median(np.ptp(deformed(surface, 0.0), axis=0)))
+    extent = extent_of(surface)
     lateral = UP - float(UP @ axis.outward) * axis.outward
     if np.linalg.norm(lateral) < 0.3:
         lateral = axis.lateral[0]
@@ -115,7 +120,7 @@ class ForceLayer:
         """Bring every browser up to date."""
         surface = snapshot.surface('served')
         shown: list[Touch] = []
-        if surface is not None:
+        if surface is not None and extent_of(surface) > 0.0:
             shown = [t for t in touches(snapshot) if t.touching and t.newtons > 1e-6]
         self._drawn = {
             visitor.client.client_id: self._drawn.get(visitor.client.client_id, _Drawn())

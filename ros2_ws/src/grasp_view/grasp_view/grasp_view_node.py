@@ -121,7 +121,7 @@ class GraspView(Node):
         self._replay = ReplayState(0.0, float('nan'))
         self._replay_at = float('-inf')
         self._polled: list[tuple[Any, Take, Take]] = []
-        self._drawn = self._left_out = 0
+        self._drawn = self._left_out = self._unusable = 0
         self._subscribe()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.page = Page(
@@ -300,6 +300,7 @@ class GraspView(Node):
             try:
                 take(*newest)
             except (ArithmeticError, LookupError, ValueError) as error:
+                self._unusable += 1
                 self.get_logger().warning(
                     f'{subscription.topic_name} is left out: {error}', throttle_duration_sec=5.0
                 )
@@ -358,6 +359,7 @@ class GraspView(Node):
             'surfaces drawn in the last second': drawn - self._drawn,
             'pictures kept': len(self._history),
             'pictures left out': self._left_out,
+            'messages left out': self._unusable,
         }
         self._drawn = drawn
         now, name = self.get_clock().now().nanoseconds, status_name(self, 'page')

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
@@ -21,6 +23,8 @@ from .grasp_measures import GraspMeasures
 from .hand_description import joint_positions
 from .poses import FARTHEST_M, Floats, Pose
 from .scene_model import Cloud, Contacts, Mesh, Surface
+
+Records = npt.NDArray[Any]
 
 MOST_TRIANGLES = 200_000
 """Of a mesh that is drawn, and of its vertices."""
@@ -60,6 +64,13 @@ def _check_places(*columns: Floats) -> None:
         )
 
 
+def _vectors(reader: CloudReader, points: Records, names: tuple[str, str, str]) -> Floats:
+    """What is infinite becomes NaN: turning a vector of it would warn of infinity times zero."""
+    found = reader.columns(points, names)
+    found[~np.isfinite(found)] = np.nan
+    return found
+
+
 def read_contacts(message: PointCloud2) -> Contacts:
     """`hand/contacts`."""
     reader = CloudReader('hand/contacts')
@@ -67,9 +78,9 @@ def read_contacts(message: PointCloud2) -> Contacts:
     return Contacts(
         seconds(message.header.stamp),
         message.header.frame_id,
-        reader.columns(points, ('x', 'y', 'z')),
-        reader.columns(points, ('nx', 'ny', 'nz')),
-        reader.columns(points, ('fx', 'fy', 'fz')),
+        _vectors(reader, points, ('x', 'y', 'z')),
+        _vectors(reader, points, ('nx', 'ny', 'nz')),
+        _vectors(reader, points, ('fx', 'fy', 'fz')),
         reader.column(points, 'sigma_n', np.nan),
         reader.column(points, 'radius', 0.0),
         reader.integers(points, 'finger', 0),
@@ -97,8 +108,8 @@ def read_grasp(message: PointCloud2) -> GraspMeasures:
     push = reader.column(points, 'push')[own]
     return GraspMeasures(
         message.header.frame_id,
-        reader.columns(points, ('x', 'y', 'z'))[own],
-        reader.columns(points, ('nx', 'ny', 'nz'))[own],
+        _vectors(reader, points, ('x', 'y', 'z'))[own],
+        _vectors(reader, points, ('nx', 'ny', 'nz'))[own],
         of_whole('on_deformed_normals') > 0.0,
         of_whole('closed') > 0.0,
         of_whole('closure_probability'),

@@ -280,8 +280,11 @@ def friction_cones(snapshot: Snapshot, coefficient: float, length: float) -> Flo
     else:
         return np.zeros((0, 2, 3))
     angles = np.linspace(0.0, 2 * np.pi, 17)[:-1]
+    sizes = np.linalg.norm(normals, axis=1)
     segments = []
     for k in touching:
+        if not (np.isfinite(points[k]).all() and 0.5 < sizes[k] < 2.0):
+            continue
         axis = normals[k]
         helper = np.eye(3)[int(np.abs(axis).argmin())]
         first = np.cross(axis, helper)

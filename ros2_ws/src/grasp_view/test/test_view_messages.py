@@ -25,7 +25,7 @@ from grasp_view.messages import (
     read_mesh,
     read_surface,
 )
-from grasp_view.scene_model import Contacts
+from grasp_view.scene_model import Contacts, Snapshot, friction_cones, touches
 
 
 def cloud(points: np.ndarray, **changes: object) -> PointCloud2:
@@ -137,6 +137,20 @@ def test_contacts_survive_the_wire(
     assert read.stamp == 2.5 and read.frame == 'object'
     for name in ('points', 'normals', 'forces', 'sigma', 'radius', 'finger', 'flags'):
         assert np.array_equal(getattr(read, name), getattr(sent, name))
+
+
+def test_what_is_infinite_in_a_contact_draws_nothing_and_warns_of_nothing() -> None:
+    vectors = np.array([[0.03, 0.0, 0.0], [np.inf, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    one, whole = np.ones(3), np.array([1, 2, 3])
+    sent = Contacts(
+        2.5, 'object', vectors, -vectors / 0.03, vectors, one, one, whole, one.astype(int)
+    )
+    read = read_contacts(contacts_message(sent, Time(sec=2)))
+    with np.errstate(all='raise'):
+        snapshot = Snapshot(contacts=read)
+        assert len(touches(snapshot)) == 2
+        # A cone of 16 sides and their rim, of the one finger whose normal is one.
+        assert friction_cones(snapshot, 0.5, 0.01).shape == (32, 2, 3)
 
 
 def test_a_mesh_that_is_too_large_to_be_drawn_is_refused() -> None:

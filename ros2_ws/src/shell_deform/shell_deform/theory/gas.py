@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-
-import numpy as np
 
 STANDARD_ATMOSPHERE_PA = 101325.0
 
@@ -37,7 +36,7 @@ class Gas:
             raise GasError(
                 f"gas kind is {self.kind!r}; choose 'none', 'open', 'sealed' or 'liquid'"
             )
-        if not np.isfinite(self.gauge_pressure) or not np.isfinite(self.ambient):
+        if not math.isfinite(self.gauge_pressure) or not math.isfinite(self.ambient):
             raise GasError('gas pressures must be finite numbers in Pa')
         if self.gauge_pressure + self.ambient < 0:
             raise GasError(
@@ -66,11 +65,16 @@ class Gas:
         return -(self.gauge_pressure + self.ambient) / volume_ratio**2
 
     def energy_density(self, volume_ratio: float) -> float:
-        """Potential energy per rest volume [J/m^3]: minus the work the overpressure has done."""
+        """Potential energy per rest volume [J/m^3]: minus the work the overpressure has done.
+
+        Infinite where a gas has no volume left.
+        """
         if not self.is_sealed:
             return 0.0
         if self.kind == 'liquid':
             change = volume_ratio - 1.0
             return 0.5 * LIQUID_BULK_MODULUS_PA * change**2 - self.gauge_pressure * change
+        if not volume_ratio > 0.0:
+            return math.inf
         absolute = self.gauge_pressure + self.ambient
-        return self.ambient * (volume_ratio - 1.0) - absolute * float(np.log(volume_ratio))
+        return self.ambient * (volume_ratio - 1.0) - absolute * math.log(volume_ratio)

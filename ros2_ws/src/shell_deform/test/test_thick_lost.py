@@ -11,7 +11,7 @@ from shell_deform.assemble.stamps import WallError
 from shell_deform.assemble.thick import thick_shell
 from shell_deform.building import build_model, object_contacts, with_material
 from shell_deform.objects import ShellObject, load_object
-from shell_deform.objects.shell_object import Contact, Ellipsoid
+from shell_deform.objects.shell_object import Contact, Ellipsoid, Revolution
 from shell_deform.solve.equilibrium import displaced
 from shell_deform.solve.newton import EquilibriumSolver
 from shell_deform.theory.material import Material
@@ -34,6 +34,22 @@ def test_a_wall_thicker_than_twice_the_radius_is_refused_with_its_place(mesh, sh
     radius = float(np.linalg.norm(mesh.vertices, axis=1).mean())
     with pytest.raises(WallError, match=r'centre of curvature.* at \[.*thinner wall'):
         thick_shell(mesh, Material(1e6, 0.49), share * radius)
+
+
+@pytest.mark.parametrize(
+    'surface',
+    [
+        Ellipsoid((0.06, 0.06, 0.008)),
+        Ellipsoid((0.1, 0.014, 0.014)),
+        Revolution(((0.02, -0.03), (0.003, 0.0), (0.02, 0.03))),
+    ],
+    ids=['lens', 'needle', 'waist'],
+)
+def test_a_wall_that_is_thicker_than_a_part_of_it_is_round_is_refused(surface):
+    """Its inner face would pass through itself, and no load leads anywhere from there."""
+    described = ShellObject('sharp', surface, 4e-3, 1e6, 0.45)
+    with pytest.raises(WallError, match=r'the wall of 4 mm .*centre of curvature.*thinner wall'):
+        build_model(described, 'thick', control_vertices=120)
 
 
 def test_a_wall_turned_inside_out_says_where(shell):

@@ -53,6 +53,11 @@ class Stamp:
             and np.array_equal(self.axis, other.axis)
         )
 
+    def overlaps(self, other: Stamp) -> bool:
+        """Whether both press on some of the same wall."""
+        away = float(np.linalg.norm(self.centre - other.centre))
+        return away < self.radius + other.radius and float(self.axis @ other.axis) > 0.0
+
 
 @dataclass(frozen=True)
 class StampPoints:
@@ -81,6 +86,22 @@ class StampPoints:
     def cells(self) -> int:
         """Number of pressures."""
         return int(self.cell.max(initial=-1)) + 1
+
+
+def pins_before(
+    stamps: Sequence[Stamp], others: Sequence[Stamp]
+) -> tuple[NDArray[np.bool_], Index]:
+    """(k,) whether each of `stamps` is among `others`; (k,) which one it is or has left, or -1."""
+    stays, before = np.zeros(len(stamps), dtype=bool), np.full(len(stamps), -1)
+    for k, stamp in enumerate(stamps):
+        for i, other in enumerate(others):
+            if stamp.like(other):
+                stays[k], before[k] = True, i
+    for k in np.flatnonzero(~stays).tolist():
+        for i, other in enumerate(others):
+            if i not in before and stamps[k].overlaps(other):
+                before[k] = i
+    return stays, before
 
 
 def stamp_splits(mesh: ControlMesh, stamps: Sequence[Stamp]) -> Index:

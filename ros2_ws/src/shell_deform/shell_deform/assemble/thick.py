@@ -36,6 +36,7 @@ from shell_deform.assemble.stamps import (
     Stamp,
     StampPoints,
     WallError,
+    pins_before,
     stamp_points,
     stamp_splits,
 )
@@ -66,9 +67,12 @@ by this share of h P / E: force and travel of the mission's ball by 0.7 % at 0.2
 3.6 mm on."""
 
 
+FOLDED_SPOT = 1.0
+"""A wall is refused where more of it than so many squares of its thickness reaches its centre of
+curvature: single points beside irregular vertices are sharper than the surface."""
+
 FOLDED = 0.95
-"""A wall is refused where more of its points than all but this share reach their centre of
-curvature: single ones beside irregular vertices are sharper than the surface."""
+"""Where more of its points than all but this share do, no other theory stands in for that."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,8 +261,9 @@ class ThickShell(Discretisation):
     def continued(self, other: Discretisation, positions: Array) -> Array:
         """Unknowns under these pins at a state of the same wall under others.
 
-        Shear stays where it is known; pins that stay keep travel and pressures; a new one lies on
-        the face as that is now, without pressure.
+        Shear stays where it is known; pins that stay keep travel and pressures; one that has slid
+        lies on the face as that is now, and presses on where it has pressed; a new one has no
+        pressure.
         """
         assert isinstance(other, ThickShell)
         n = len(self.mesh.vertices)
@@ -266,19 +271,14 @@ class ThickShell(Discretisation):
         result[:n] = positions[:n]
         _, here, there = np.intersect1d(self.sheared, other.sheared, return_indices=True)
         result[n + here] = positions[n + there]
-        stays = np.full(len(self.stamps), -1)
-        for k, stamp in enumerate(self.stamps):
-            same = [i for i, old in enumerate(other.stamps) if stamp.like(old)]
-            if same:
-                stays[k] = same[0]
-                result[self.first_pin + k] = positions[other.first_pin + same[0]]
+        stays, before = pins_before(self.stamps, other.stamps)
+        result[self.first_pin + np.flatnonzero(stays)] = positions[other.first_pin + before[stays]]
         flat, old_flat = result.reshape(-1), positions.reshape(-1)
         old_cells = dict(zip(other._cell_keys, other._pressure_dofs, strict=True))
         for (element, k), dof in zip(self._cell_keys, self._pressure_dofs, strict=True):
-            if stays[k] >= 0:
-                flat[dof] = old_flat[old_cells.get((element, int(stays[k])), 0)]
-                flat[dof] *= (element, int(stays[k])) in old_cells
-        return self._laid(result, np.flatnonzero(stays < 0))
+            old = old_cells.get((element, int(before[k])))
+            flat[dof] = 0.0 if old is None else old_flat[old]
+        return self._laid(result, np.flatnonzero(~stays))
 
     def _laid(self, positions: Array, stamps: Index) -> Array:
         """The unknowns with `stamps` laid on the outer face as it is."""
@@ -464,7 +464,7 @@ def thick_shell(
 
     `thickness`: one number or one per control vertex. `everywhere`: shear at every vertex, not
     only within `reach` sqrt(R h) of the pins. Raises WallError where the wall reaches its centre
-    of curvature.
+    of curvature, but for single points.
     """
     if not HAVE_NUMBA:
         raise WallError('theory thick needs numba: install it or choose theory koiter')
@@ -514,7 +514,7 @@ def _half_walls(shell: Discretisation) -> tuple[Array, Array]:
 
 def _refuse_folded(shell: Discretisation, points: Array) -> None:
     ratio, largest = _half_walls(shell)
-    if float(np.quantile(ratio, FOLDED)) >= 1.0:
+    if shell.weights[ratio >= 1.0].sum() > FOLDED_SPOT * float(shell.thickness.mean()) ** 2:
         point = int(np.argmax(ratio))
         place = points[point]
         raise WallError(

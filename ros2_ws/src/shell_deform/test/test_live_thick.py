@@ -9,6 +9,7 @@ import pytest
 from live_hand import SURE
 
 from shell_deform.building import build_model, object_contacts, with_material
+from shell_deform.contact.loads import contact_patch
 from shell_deform.live.pose import pose_of
 from shell_deform.live.tick.fusion import ErrorModel
 from shell_deform.live.tick.modulus import ModulusFilter
@@ -132,6 +133,71 @@ def test_a_pin_that_slides_in_its_dent_closes_the_gaps_under_it_in_steps(model):
         )
         pipeline.refresh()
         assert (pipeline.solver.share, pipeline.solver.message) == (1.0, '')
+
+
+@pytest.fixture(scope='module')
+def small(ball):
+    return build_model(ball, 'thick', control_vertices=100)
+
+
+def sliding(slide, stamp, depth=2e-3):
+    """A pin that has slid [m] across the ball in its dent, and an opposite one that stays."""
+    angle = slide / 0.0325
+    out = np.array([[np.cos(angle), 0.0, np.sin(angle)], [-1.0, 0.0, 0.0]])
+    return live_hand.sample(0.0325 * out, -out, [9.0] * 2, [depth] * 2, radius=RADIUS, stamp=stamp)
+
+
+def test_a_pin_that_slid_presses_on_where_it_has_pressed(ball, small):
+    """Most of its push is there at once; the rest is let go in steps."""
+    pins = object_contacts(ball, small, RADIUS)
+    solver = EquilibriumSolver(small)
+    state = solver.solve(displaced(pins, [2e-3, 2e-3]))
+    across = 0.25 * RADIUS * pins[0].lateral[0]
+    slid = contact_patch(small.surface, pins[0].point + across, RADIUS, pins[0].axis)
+    other = small.on_contacts((slid, pins[1]))
+    unknowns = other.shell.continued(solver.model.shell, state.unknowns)
+    _, gradient = other.gradient(unknowns)
+    gaps = other.pressure_equations(unknowns)
+    loose = gradient - gaps.pull(gaps.missing, gradient.size)
+    first = other.shell.first_pin
+    carried = loose[3 * first : 3 * first + 6 : 3]
+    assert carried[1] == pytest.approx(state.force[1], rel=1e-3)
+    assert carried[0] == pytest.approx(state.force[0], rel=0.1)
+
+
+def test_a_slide_that_no_one_can_follow_leaves_the_pin_where_it_was(small):
+    """The shell stays pressed, `sigma` says what the place costs, and the next slide is tried."""
+    pipeline = live_hand.pipeline(small, replace(SURE, drive='motion'))
+    before = pipeline.settle(sliding(0.0, 1), rounds=3).packed.copy()
+    tracker = pipeline.solver.tracker
+    places, options = pipeline.estimator.adopted.places, tracker.options
+    tracker.options = replace(options, iterations=1, tangents=0)
+    served = pipeline.settle(sliding(0.5e-3, 2), rounds=1)
+    adopted = pipeline.estimator.adopted
+    assert (adopted.share, adopted.message) == (1.0, '')
+    assert np.array_equal(adopted.places, places)
+    assert served.packed[:, :3] == pytest.approx(before[:, :3], abs=2e-5)
+    assert np.max(served.packed[:, 7] - before[:, 7]) > 0.05e-3
+    tracker.options = options
+    pipeline.settle(sliding(1.0e-3, 3), rounds=1)
+    adopted = pipeline.estimator.adopted
+    assert (adopted.share, adopted.message) == (1.0, '')
+    assert np.linalg.norm(adopted.places - places, axis=1)[0] > 0.7e-3
+
+
+def test_a_pin_that_slides_where_none_can_lie_stays_where_it_was(model):
+    """Far from the fine mesh a needle would press on fewer than three points."""
+    pipeline = live_hand.pipeline(model, replace(SURE, drive='motion'))
+
+    def pressed(slide, stamp):
+        return replace(sliding(slide, stamp, 0.05e-3), radius=np.full(2, 0.02e-3))
+
+    pipeline.settle(pressed(0.0, 1), rounds=1)
+    places = pipeline.estimator.adopted.places
+    pipeline.settle(pressed(5e-3, 2), rounds=1)
+    adopted = pipeline.estimator.adopted
+    assert (adopted.share, adopted.message) == (1.0, '')
+    assert np.array_equal(adopted.places, places)
 
 
 @pytest.fixture(scope='module')

@@ -7,7 +7,8 @@ surface; the lateral motion that point already has is where it is then held.
 
 What pose and first touch are off by at a place is remembered while anything touches: a finger that
 comes back there, under its own number or another one, with the travel it had, makes the dent it
-made.
+made. A finger that slid to where the shell cannot be followed is left on the patch it had, until
+it has slid further.
 """
 
 from __future__ import annotations
@@ -98,6 +99,7 @@ class HeldContact:
         first: (3,) where the finger first touched, as far as its travel is known [m].
         coarseness: relative stiffness error of the mesh there.
         shape: of the push, as of a `Touch`.
+        tried: (3,) to where the finger has slid and was not followed [m], or None.
     """
 
     finger: int
@@ -109,10 +111,11 @@ class HeldContact:
     first: Array
     coarseness: float
     shape: CellShape | None = None
+    tried: Array | None = None
 
     def still_good(self, touch: Touch) -> bool:
-        """Whether the finger still presses this patch."""
-        moved = touch.point - self.touched
+        """Whether the finger still presses this patch, as far as anyone can follow."""
+        moved = touch.point - (self.touched if self.tried is None else self.tried)
         sideways = moved - (moved @ self.patch.axis) * self.patch.axis
         return bool(
             np.linalg.norm(sideways) <= SLIDE_SHARE * self.patch.radius
@@ -149,6 +152,8 @@ class ContactTracker:
         self.contacts: tuple[HeldContact, ...] = ()
         self.laid: frozenset[int] = frozenset()
         """Fingers that touched anew in the last update."""
+        self.slid: frozenset[int] = frozenset()
+        """Fingers that were followed to another patch in the last update."""
         self._at_rest = at_rest
         self._half_wall = 0.5 * float(model.shell.thickness.mean())
         self._memory: list[HeldContact] = []
@@ -187,7 +192,7 @@ class ContactTracker:
         """
         known = {contact.finger: contact for contact in self.contacts}
         at_rest = self._at_rest or not (self.contacts or moved)
-        updated, laid = [], []
+        updated, laid, slid = [], [], []
         for touch in sorted(touches, key=lambda touch: touch.finger):
             old = known.get(touch.finger)
             if old is not None and old.still_good(touch):
@@ -196,13 +201,25 @@ class ContactTracker:
             if old is None or not old.slides_to(touch):
                 old = None
                 laid.append(touch.finger)
+            else:
+                slid.append(touch.finger)
             back = self._remembered(touch) if old is None else None
             updated.append(back or self._lay(touch, old, positions, at_rest))
         changed = len(updated) != len(self.contacts) or any(
             new is not old for new, old in zip(updated, self.contacts, strict=True)
         )
         self.contacts, self.laid = tuple(updated), frozenset(laid)
+        self.slid = frozenset(slid)
         return changed
+
+    def stay(self, before: tuple[HeldContact, ...], touches: tuple[Touch, ...]) -> None:
+        """Leave the fingers that slid in the last update on the patches `before` it."""
+        point = {touch.finger: touch.point for touch in touches}
+        self.contacts = tuple(
+            replace(old, tried=point[old.finger].copy()) if old.finger in self.slid else old
+            for old in before
+        )
+        self.slid = frozenset()
 
     def _lay(
         self, touch: Touch, old: HeldContact | None, positions: Array, at_rest: bool

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shell_deform.assemble.stamps import WallError
 from shell_deform.grasp.contacts import UNIFORM_ARM
 from shell_deform.grasp.reading import outer_feet
 from shell_deform.live.background.answer import Answer, write
 from shell_deform.live.background.carried import carried
 from shell_deform.live.background.condensed import HELD_ROWS, Condensed, ContactRows, contact_rows
-from shell_deform.live.background.contact_tracking import ContactTracker, Touch
+from shell_deform.live.background.contact_tracking import ContactTracker, HeldContact, Touch
 from shell_deform.live.background.energy_density import EnergyDensity
 from shell_deform.live.background.grasp_response import GraspResponse
 from shell_deform.live.background.gripping import Gripping
@@ -30,7 +32,7 @@ from shell_deform.live.background.second_order import Columns, SecondOrder
 from shell_deform.live.background.self_crossing import SelfCrossing
 from shell_deform.live.background.shear_dent import ShearDent
 from shell_deform.live.background.small_loads import SmallLoads, small_loads, snap_margin
-from shell_deform.live.background.tracked_state import Target
+from shell_deform.live.background.tracked_state import State, Target
 from shell_deform.live.background.tracking import EquilibriumTracker, TrackingOptions
 from shell_deform.live.exchange import DRIVE_FORCE, MAX_CONTACTS, MAX_RIGID, Slot
 from shell_deform.live.pose import IDENTITY, Pose
@@ -52,11 +54,23 @@ FARTHEST_STEP = 0.25
 until a newer one has come: a long step costs more than its parts, and while it is solved the
 fingers get further away."""
 
+SLIDING = 8
+"""New tangents that following a slide may take: a pin that stays where it was costs less."""
+
 MOST_STATES = 3
 """States in a row that are served with the same columns."""
 
 STILL = 1e-3
 """A state that moved less than this share of the wall thickness keeps its columns."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """A shell under its fingers: their patches, the model with these, its equilibrium."""
+
+    contacts: tuple[HeldContact, ...]
+    model: ShellModel
+    state: State
 
 
 class LiveSolver:
@@ -161,12 +175,8 @@ class LiveSolver:
                 # What those that have gone had made of the shell is no shape to come to.
                 self._let_go()
             before = dict(zip(self._fingers(), self._displacements(), strict=True))
-            self._lay(touches)
-            target = self._target(load, touches, before)
-            if self.motion is not None:
-                target = self.motion.ahead(target, self.generation, began)
-            good, lost = self.tracker.state, bool(self.tracker.message)
-            self.share = self._approach(target)
+            lost = bool(self.tracker.message)
+            good = self._go(load, touches, before, began)
             twice = bool(self.contacts.laid) or (bool(len(grips)) and not lost)
             if self.tracker.message and twice and not self._nearly_at_rest():
                 # A grasp taken up from the shape of another one may lead nowhere: once from rest.
@@ -180,16 +190,47 @@ class LiveSolver:
                     self.tracker.forget_tangent()
         self.seconds = time.perf_counter() - began
 
+    def _go(
+        self, load: Load, touches: tuple[Touch, ...], before: dict[int, float], began: float
+    ) -> State:
+        """Follow the fingers and go to `load`; returns the state that was left.
+
+        Those that have slid where no equilibrium is found, or no pin can lie, stay as they were.
+        """
+        held = Held(self.contacts.contacts, self.tracker.model, self.tracker.state)
+        try:
+            self._lay(touches)
+            target = self._target(load, touches, before)
+            if self.motion is not None:
+                target = self.motion.ahead(target, self.generation, began)
+            left = self.tracker.state
+            self.share = self._approach(target)
+            if not (self.tracker.message and self._only_slid(held)):
+                return left
+        except WallError:
+            if not self._only_slid(held):
+                raise
+        self.contacts.stay(held.contacts, touches)
+        self._change_contacts(held.state.force, held)
+        self.share = self._approach(self._target(load, touches, before))
+        return held.state
+
+    def _only_slid(self, held: Held) -> bool:
+        """Whether the fingers that `held` are all there, and some of them on other patches."""
+        same = self._fingers() == [contact.finger for contact in held.contacts]
+        return same and bool(self.contacts.slid) and not self.contacts.laid
+
     def _approach(self, target: Target) -> float:
         """Go to `target`, or with a thick wall in real time until a newer load case has come.
 
         Returns the share reached.
         """
+        tangents = SLIDING if self.contacts.slid and not self.contacts.laid else None
         if self.motion is None or self._face is None:
-            return self.tracker.advance(target)
+            return self.tracker.advance(target, tangents)
         while True:
             near, part = self.tracker.within(target, FARTHEST_STEP * self._wall)
-            share = part * self.tracker.advance(near)
+            share = part * self.tracker.advance(near, tangents)
             # A grasp that is taken up is answered whole: its first answer ends the taking up.
             if part == 1.0 or self.tracker.message:
                 return share
@@ -408,14 +449,19 @@ class LiveSolver:
         away = self.tracker.state.moved[controls] - self._unloaded_state.moved[controls]
         return bool(np.abs(away).max(initial=0.0) < 0.2 * self._wall)
 
-    def _change_contacts(self, force: Array) -> None:
+    def _change_contacts(self, force: Array, held: Held | None = None) -> None:
+        """Go on with the patches in use and these pushes (k,) [N], or as these patches `held`."""
         if len(self.contacts.contacts) > MAX_CONTACTS:
             raise ValueError(f'more than {MAX_CONTACTS} contacts; merge tactile cells first')
-        self.tracker.take(self.model.on_contacts(self.contacts.patches))
+        model = held.model if held is not None else self.model.on_contacts(self.contacts.patches)
+        self.tracker.take(model)
         rows = contact_rows(self.tracker.model, self.contacts.patches)
         self._feet = outer_feet(self.model, self.contacts.patches)
         self._grasp.take(self.tracker.model, self.contacts.patches)
         self.tracker.set_contacts(rows, force)
+        if held is not None:
+            self.tracker.state = held.state
+            self.tracker.forget_tangent()
         self._new_generation(rows)
 
     def _new_generation(self, rows: ContactRows) -> None:

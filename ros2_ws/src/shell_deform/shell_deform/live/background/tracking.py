@@ -308,16 +308,17 @@ class EquilibriumTracker:
             return target, 1.0
         return start.towards(target, reach / size), reach / size
 
-    def advance(self, target: Target) -> float:
+    def advance(self, target: Target, tangents: int | None = None) -> float:
         """Go towards `target` by as few steps as converge; returns the share that was reached.
 
-        A share below one leaves the tracker at an equilibrium on the way and says why in
-        `message`.
+        It may take so many new `tangents`, and not more than the options say. A share below one
+        leaves the tracker at an equilibrium on the way and says why in `message`.
         """
         start = self.present(target.driven)
         loose = self._loose()
         reached, step, self.tried = 0.0, 1.0, 0
-        self._budget = self.options.tangents
+        most = self.options.tangents
+        self._budget = most if tangents is None else min(tangents, most)
         self.message = ''
         together = self._carried_along(target) is not None
         longest = longest_share(start.grips, target.grips, together)

@@ -184,6 +184,20 @@ class Adopted:
         near = (sideways < reach * reach) & ((facing > 0.0) | (np.abs(along) < reach))
         return (self.fingers[index] == sample.finger) & near
 
+    def slid(self, sample: ContactSample, pose: Pose) -> Array:
+        """(k,) how far each finger has come across its push from where it presses here [m].
+
+        Bodies carry what they touch along, and are followed (`across`).
+        """
+        k = len(self.fingers)
+        if self.carries or not len(sample.finger):
+            return np.zeros(k)
+        index = np.minimum(np.searchsorted(sample.finger, self.fingers), len(sample.finger) - 1)
+        away = pose.to_object(sample.point[index]) - self._anchor
+        along = np.einsum('ki,ki->k', away, self._axis)
+        sideways = np.linalg.norm(away - along[:, None] * self._axis, axis=1)
+        return np.where(sample.finger[index] == self.fingers, sideways, 0.0)
+
     @property
     def carries(self) -> bool:
         """Whether the fingers carry rigid bodies, whose poses count."""

@@ -4,7 +4,8 @@
 An object that fingers hold is where they are: its pose, told by them, is known as well as that of
 a rigid body through points that are off by `sigma_point` each. What no rigid motion of the body
 takes up moves a finger along the surface, and its dent goes with it: an error by the sine of the
-angle that the wall has turned by. Where something else tells the pose, all of it does that.
+angle that the wall has turned by. Where something else tells the pose, all of it does that. So
+does what a finger has slid since its pin was laid on the shell.
 """
 
 from __future__ import annotations
@@ -84,6 +85,7 @@ class PlaceDoubt:
         self._adopted: Adopted | None = None
         self._sine = np.zeros(0)
         self._nearest = np.zeros(0, np.int64)
+        self._slid = np.zeros(0)
         self._unmodelled: Array | None = None
 
     def adopt(self, adopted: Adopted, rest: Array, rest_normals: Array) -> None:
@@ -94,6 +96,7 @@ class PlaceDoubt:
         away = np.linalg.norm(rest[:, None] - adopted.places[None], axis=2)
         self._nearest = away.argmin(axis=1) if len(adopted.places) else self._nearest[:0]
         self._adopted, self._fresh, self._unmodelled = adopted, False, None
+        self._slid = np.zeros(len(adopted.fingers))
 
     def see(self, sample: ContactSample, pose: Pose, told_by_fingers: bool) -> None:
         """Take the points of a sample; once for every equilibrium and set of fingers."""
@@ -107,6 +110,8 @@ class PlaceDoubt:
             told_by_fingers,
         )
         self._fresh, self._unmodelled = True, None
+        if self._adopted is not None:
+            self._slid = self._adopted.slid(sample, pose)
 
     def pose_root(self, given: bool) -> Array:
         """(6, i) root of the covariance of the object's pose; one fitted to first touch, not
@@ -125,8 +130,8 @@ class PlaceDoubt:
 
     def _with_places(self, adopted: Adopted) -> Array:
         known, unmodelled = self._known, adopted.slot.unmodelled
-        if not (len(self._nearest) and known.along_surface.any()):
+        if not (len(self._nearest) and len(known.fingers)):
             return unmodelled
         same = adopted.fingers[:, None] == known.fingers[None]
-        sigma = np.where(same, known.along_surface, 0.0).max(axis=1)
+        sigma = np.hypot(np.where(same, known.along_surface, 0.0).max(axis=1), self._slid)
         return np.hypot(unmodelled, self._sine * sigma[self._nearest])

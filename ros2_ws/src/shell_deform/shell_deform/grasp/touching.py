@@ -40,6 +40,9 @@ from shell_deform.solve.newton import EquilibriumSolver
 
 Array = NDArray[np.float64]
 
+MOST_RUBBED = 0.1
+"""Of a push: rubbing carries less, and a tangent that says more is that of a loose grasp."""
+
 SMALL_CHANGE = 1e-3
 """Of what a contact carries: so much is changed at most where the turn of normals is taken."""
 
@@ -195,30 +198,47 @@ def touched_response(
         [one.push[:, None] * one.normal + one.tangential - before for one in around], axis=-1
     )
     compliance = standing.loads.T @ standing.motion[: len(standing.loads), :-1]
-    slipping = _slipping(patches, _moved(model, patches, state, 1.0, *relieved), grasp)
+    load = _small_load(model, state, relieved[0])
+    after = _moved(model, patches, state, load, *relieved).touches
+    slipping = _slipping(patches, state.touches, after, load, grasp)
     return Response(
         standing.centre, force / small, Sharing(push, across, spin), compliance, slipping
     )
 
 
 def _slipping(
-    patches: tuple[ContactPatch, ...], relieved: Equilibrium, grasp: GraspContacts
+    patches: tuple[ContactPatch, ...],
+    touches: tuple[Touch, ...],
+    relieved: tuple[Touch, ...],
+    load: float,
+    grasp: GraspContacts,
 ) -> Slipping:
-    """What the contacts `grasp` have without friction, in the state that is `relieved` of it."""
+    """What the contacts `grasp` of `touches` have without friction, to first order.
+
+    `relieved`: the touches once so much (`load`) of the friction that rubs is gone.
+    """
     share, arm = np.ones(grasp.count), grasp.arm.copy()
-    touches = iter(relieved.touches)
+    both = zip(touches, relieved, strict=True)
     for i, patch in enumerate(patches):
         if patch.body is None:
             continue
-        touch = next(touches)
+        now, then = (_bare(patch, patch.body, touch) for touch in next(both))
         if not (patch.body.friction > 0.0 and grasp.push[i] > 0.0):
             continue
-        normal = touch.pose.distance(patch.body.shape, touch.face.position).normal
-        pressure = np.maximum(touch.pressure, 0.0)
-        bare = replace(touch, pressure=pressure, traction=pressure[:, None] * normal)
-        there = _touched(patch, patch.body, bare, np.zeros(HELD_ROWS), 0.0)
-        share[i], arm[i] = there.push[0] / grasp.push[i], there.arm[0]
+        push = now.push[0] + (then.push[0] - now.push[0]) / load
+        kept = float(push / grasp.push[i])
+        if abs(kept - 1.0) < MOST_RUBBED:
+            share[i], arm[i] = kept, now.arm[0] + (then.arm[0] - now.arm[0]) / load
     return Slipping(share, arm)
+
+
+def _bare(patch: ContactPatch, body: Body, touch: Touch) -> GraspContacts:
+    """A body as a contact by its pressure alone."""
+    if not len(touch.pressure):
+        return contacts(patch.point, patch.axis, 0.0, 0.0)
+    normal = touch.pose.distance(body.shape, touch.face.position).normal
+    bare = replace(touch, traction=touch.pressure[:, None] * normal)
+    return _touched(patch, body, bare, np.zeros(HELD_ROWS), 0.0)
 
 
 def _small_load(model: ShellModel, state: Equilibrium, motion: Array) -> float:

@@ -297,13 +297,26 @@ def with_material(
     return replace(shell_object, **changes)  # type: ignore[arg-type]
 
 
-def boundary_vertices(mesh: ControlMesh) -> tuple[Index, Array]:
-    """Vertices (b,) on the rim of the active surface, and the unit rim direction (b, 3) there."""
+def _rim_edges(mesh: ControlMesh) -> Index:
+    """(b, 2) edges of the active surface that have one triangle."""
     used = mesh.triangles[mesh.active]
     edges = np.concatenate([used[:, [0, 1]], used[:, [1, 2]], used[:, [2, 0]]])
     key = np.sort(edges, axis=1)
     _, first, count = np.unique(key, axis=0, return_index=True, return_counts=True)
-    rim = edges[first[count == 1]]
+    return np.asarray(edges[first[count == 1]])
+
+
+def _mean_of_rim(mesh: ControlMesh, rim: Index, coordinate: Array) -> Array:
+    """(b,) mean coordinate of the whole closed edge that each vertex of the rim lies on."""
+    edges = np.searchsorted(rim, _rim_edges(mesh))
+    links = sp.coo_matrix((np.ones(len(edges)), tuple(edges.T)), shape=(len(rim), len(rim)))
+    _, which = connected_components(links, directed=False)
+    return np.asarray((np.bincount(which, coordinate) / np.bincount(which))[which])
+
+
+def boundary_vertices(mesh: ControlMesh) -> tuple[Index, Array]:
+    """Vertices (b,) on the rim of the active surface, and the unit rim direction (b, 3) there."""
+    rim = _rim_edges(mesh)
     vertices = np.unique(rim)
     points = LimitSurface(mesh).limit_positions(mesh.vertices)
     direction = np.zeros((len(mesh.vertices), 3))
@@ -321,7 +334,7 @@ def _support_rows(
     mesh, surface = shell.mesh, shell.surface
     points = surface.limit_positions(mesh.vertices)
     rim, along = boundary_vertices(mesh)
-    at, plane = _where(shell_object, points, rim, support.where)
+    at, plane = _where(mesh, points, rim, support.where)
     if len(at) == 0:
         raise ObjectError(
             f'{shell_object.name}: support {support.kind} finds no vertex at '
@@ -351,7 +364,7 @@ def _grip(shell_object: ShellObject, shell: Discretisation, place: GripPlace) ->
         parts = [hold_position(shell, at, np.eye(3))]
     else:
         rim, along = boundary_vertices(shell.mesh)
-        at, _ = _where(shell_object, points, rim, place.where)
+        at, _ = _where(shell.mesh, points, rim, place.where)
         origin = np.zeros(3) if place.at_m is None else np.array(place.at_m)
         if place.at_m is None and len(at):
             origin = points[at].mean(axis=0)
@@ -395,9 +408,7 @@ def _patch(
     return np.flatnonzero(inside & (piece == piece[nearest])), middle
 
 
-def _where(
-    shell_object: ShellObject, points: Array, rim: Index, where: str
-) -> tuple[Index, Array | None]:
+def _where(mesh: ControlMesh, points: Array, rim: Index, where: str) -> tuple[Index, Array | None]:
     """Rim vertices that `where` names, and the normal of the plane when it names one."""
     if where == 'boundary':
         return rim, None
@@ -417,6 +428,10 @@ def _where(
         'straight': (1, -1),
     }[where]
     coordinate = points[rim, axis]
+    if where in ('lower', 'upper', 'ends'):
+        # Circles are held whole: those of a coarse mesh are not flat.
+        circles = _mean_of_rim(mesh, rim, coordinate)
+        coordinate = circles if where != 'ends' or np.ptp(circles) > near else coordinate
     low, high = coordinate.min(), coordinate.max()
     chosen = np.zeros(len(rim), dtype=bool)
     if side <= 0:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scan_shells import (
     BALL_RADIUS,
+    SCANNER_SIGMA,
     ball,
     half_can,
     occlude,
@@ -76,6 +77,49 @@ def pose_error(
 @pytest.fixture(scope='module')
 def dented_body() -> DeformedSurface:
     return odd_body(two_dents(0.004))
+
+
+def test_a_scan_without_noise_is_laid_back_to_rounding() -> None:
+    truth = offset(4, 2.0, 1e-3)
+    found = register(truth.inverse().apply(scan_points(body(), 600, 0.0, seed=3)), body())
+    turned, moved = pose_error(found, truth, body().samples.position.mean(axis=0))
+    assert np.abs(turned).max() < 1e-9
+    assert np.abs(moved).max() < 1e-12
+    assert found.rms_m < 1e-12
+    assert found.converged
+    assert (found.trimmed_fraction, found.explained_fraction) == (0.0, 1.0)
+    assert found.unobservable.shape == (0, 6)
+    assert np.abs(found.covariance).max() < 1e-20
+
+
+def test_the_covariance_of_white_noise_is_that_of_least_squares() -> None:
+    scan = scan_points(body(), 600, seed=5)
+    found = register(scan, body())
+    at = measure(body(), found.pose.apply(scan))
+    centre = at.foot.mean(axis=0)
+    radius = np.sqrt(np.mean(np.sum((at.foot - centre) ** 2, axis=1)))
+    rows = np.column_stack((np.cross(at.foot - centre, at.normal), at.normal))
+    # A uniform offset is fitted beside the motion.
+    free = rows - rows.mean(axis=0)
+    plain = SCANNER_SIGMA**2 * np.linalg.inv(free.T @ free)
+    ratio = np.sqrt(np.diag(found.covariance) / np.diag(plain))
+    assert np.all((ratio > 0.85) & (ratio < 1.35))
+    assert found.centre == pytest.approx(centre, abs=1e-9)
+    assert found.radius_m == pytest.approx(radius, rel=1e-6)
+    rows[:, :3] /= radius
+    values = np.linalg.eigvalsh(rows.T @ rows)
+    assert found.condition_number == pytest.approx(values[-1] / values[0], rel=0.02)
+
+
+def test_what_only_the_contacts_fix_is_told_apart_from_what_nothing_fixes() -> None:
+    scan = offset(4, 0.5, 2e-4).inverse().apply(scan_points(grasped_ball(), 1500, 0.0, seed=3))
+    alone = register(scan, grasped_ball())
+    assert alone.rms_m < 1e-6
+    assert alone.unobservable.shape == (1, 6)
+    assert abs(alone.unobservable[0, 2]) == pytest.approx(1.0, abs=1e-3)
+    assert 'unobservable, kept at the start: rotation about (0.00, 0.00' in alone.text
+    held = register(scan, grasped_ball(), contacts=0.03 * np.array([[0, 0, 1], [1, 0, 0]]))
+    assert 'unobservable, fixed by the contacts: rotation about (0.00, 0.00' in held.text
 
 
 @pytest.mark.parametrize('seed', [1, 2, 3])

@@ -13,7 +13,7 @@ from grasp_replay.bag import Message
 from grasp_replay.bag_reader import open_bag
 from grasp_replay.errors import BagError
 from grasp_replay.lockstep import Lockstep, LockstepRule, parse_rule
-from grasp_replay.player import Player
+from grasp_replay.player import SETTLE_SECONDS, Player
 from grasp_replay.qos import QosProfile
 from grasp_replay.read_ahead import ReadAhead
 from grasp_replay.replay_core import Choice, Control, Pace
@@ -69,6 +69,23 @@ def _play(tmp_path: Path, stage: FakeStage, lockstep: Lockstep | None = None, **
         player.run(lambda _share, _note: None)
         player.finish()
     return player
+
+
+@pytest.mark.parametrize(
+    ('wait', 'deaf', 'settles'),
+    [(0.0, set(), 0), (0.0, {'/x'}, 0), (1e-9, {'/x'}, 1), (1e-9, {'/x', '/y'}, 0)],
+)
+def test_who_has_just_come_is_given_a_moment_and_nobody_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wait: float, deaf: set[str], settles: int
+) -> None:
+    stage, pauses = FakeStage(), []
+    stage.deaf = deaf
+    write_strings(tmp_path / 'bag', [('/x', 0, 'a'), ('/y', 1, 'b')])
+    monkeypatch.setattr('grasp_replay.player.time.sleep', pauses.append)
+    with open_bag(tmp_path / 'bag') as bag:
+        player = Player(stage, bag, ReplayOptions(tmp_path / 'bag', wait=wait))
+        assert player.wait_for_listeners() == sorted(stage.names[name] for name in deaf)
+    assert pauses.count(SETTLE_SECONDS) == settles
 
 
 def test_all_messages_are_sent_in_order(tmp_path: Path) -> None:

@@ -14,7 +14,14 @@ import pytest
 import trimesh
 
 from shell_deform.commands import shell_identify
-from shell_deform.identify.dent_profile import DentScan, ThicknessFit, fit_thickness
+from shell_deform.identify.dent_profile import (
+    RINGS,
+    DentScan,
+    ThicknessFit,
+    _Dent,
+    _Rings,
+    fit_thickness,
+)
 from shell_deform.identify.force_curve import ForceCurve, IdentificationError
 from shell_deform.identify.modulus import identify, squeeze_data, with_thickness
 from shell_deform.objects import load_object
@@ -219,3 +226,16 @@ def test_pressure_and_thickness_together_are_wrong_arguments(capsys):
         )
     assert caught.value.code == 2
     assert 'not allowed with' in capsys.readouterr().err
+
+
+def test_what_lies_far_from_its_ring_is_left_out_of_it():
+    generator = np.random.default_rng(71)
+    nodes, count = np.linspace(0.0, 4e-3, 5), 60
+    off = 0.8e-3 + 0.02e-3 * generator.standard_normal((RINGS, count))
+    off[:, 0] += 0.3e-3
+    distance = np.tile(off.reshape(-1), (len(nodes), 1))
+    ring = np.repeat(np.arange(RINGS), count)
+    dent = _Dent('dent', np.zeros((RINGS * count, 3)), ring, ring * 0, 1e-3, 3e-3)
+    rings = _Rings(dent, nodes, distance, 0.02e-3)
+    # The finger in each ring is gone: the means are those of all others.
+    assert rings.means(nodes, distance)(2e-3) == pytest.approx(off[:, 1:].mean(axis=1), abs=1e-6)

@@ -178,3 +178,12 @@ def test_torque_line_and_surface_loads_are_dead_loads(model):
     load = load + surface_load(model.shell, np.array([0.0, 2.0, 0.0]))
     case = LoadCase((), np.zeros(0), np.zeros(0), dead_load=load)
     close(borders(model, case).dead, load.reshape(-1))
+
+
+def test_the_force_of_linear_theory_is_the_slope_of_its_energy(sphere):
+    straight = sphere(1.0, 0.05, subdivisions=1, poisson=0.3, theory='linear', gas=Gas('sealed'))
+    random = np.random.default_rng(73).normal(size=(2, *straight.rest.shape))
+    at, along = straight.rest + 0.01 * random[0], 0.01 * random[1]
+    ahead, behind = (straight.gradient(at + side * along)[0] for side in (1.0, -1.0))
+    slope = straight.gradient(at)[1] @ along.reshape(-1)
+    assert 0.5 * (ahead - behind) == pytest.approx(slope, rel=1e-9)

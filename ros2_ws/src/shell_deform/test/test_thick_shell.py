@@ -266,3 +266,11 @@ def test_unknowns_of_another_discretisation_are_refused_instead_of_read_beyond(p
     for ask in (pressed.shell.gradient, pressed.shell.tangent):
         with pytest.raises(ValueError, match='unknowns for a thick shell that has'):
             ask('thick', pressed.rest)
+
+
+def test_a_rigid_motion_takes_the_pins_along_and_strains_nothing(pressed):
+    motions = pressed.free_modes
+    stiff = pressed.rest_tangent.stiffness @ motions
+    any_motion = np.random.default_rng(72).standard_normal(motions.shape)
+    scale = np.abs(pressed.rest_tangent.stiffness @ any_motion).max()
+    assert np.abs(stiff).max() < 1e-6 * scale

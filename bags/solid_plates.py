@@ -60,15 +60,18 @@ class Squeezed:
 THICK = Squeezed(31.25, 2.5, 1.0, 0.49, along=120, across=4, rubber=True)
 
 
-def deck(ball: Squeezed, depths: np.ndarray) -> str:
-    """Axisymmetric quadratic elements, a stiff plate above the pole, one step for each depth."""
+Nodes = dict[int, tuple[float, float, float]]
+
+
+def wall_nodes(ball: Squeezed) -> tuple[Nodes, dict[tuple[int, int], int]]:
+    """Nodes of the wall (mm), and their numbers by their place along the meridian and across."""
     columns, rows = 2 * ball.along, 2 * ball.across
     # Half of the elements lie within the cap that a plate flattens.
     share = np.linspace(0.0, 1.0, columns + 1)
     angle = 0.5 * np.pi * (0.4 * share + 0.6 * share**3)
     level = ball.radius + ball.thickness * np.linspace(-0.5, 0.5, rows + 1)
     number: dict[tuple[int, int], int] = {}
-    nodes: dict[int, tuple[float, float, float]] = {}
+    nodes: Nodes = {}
     for i in range(columns + 1):
         for j in range(rows + 1):
             if i % 2 and j % 2:
@@ -76,6 +79,13 @@ def deck(ball: Squeezed, depths: np.ndarray) -> str:
             number[i, j] = len(nodes) + 1
             x, y = level[j] * np.sin(angle[i]), level[j] * np.cos(angle[i])
             nodes[number[i, j]] = (x if i else 0.0, y if i < columns else 0.0, 0.0)
+    return nodes, number
+
+
+def deck(ball: Squeezed, depths: np.ndarray) -> str:
+    """Axisymmetric quadratic elements, a stiff plate above the pole, one step for each depth."""
+    columns, rows = 2 * ball.along, 2 * ball.across
+    nodes, number = wall_nodes(ball)
     elements = [
         [number[i + a, j + b] for a, b in
          ((0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1))]
@@ -83,7 +93,7 @@ def deck(ball: Squeezed, depths: np.ndarray) -> str:
         for j in range(0, rows, 2)
     ]  # fmt: skip
     outer = [k + 1 for k in range(len(elements)) if k % ball.across == ball.across - 1]
-    first, top = len(nodes) + 1, float(level[-1])
+    first, top = len(nodes) + 1, ball.radius + 0.5 * ball.thickness
     for i in range(PLATE_ELEMENTS + 1):
         part, y = i / PLATE_ELEMENTS, top
         x = 0.6 * ball.radius * part
@@ -105,6 +115,7 @@ def deck(ball: Squeezed, depths: np.ndarray) -> str:
         '*ELEMENT,TYPE=CAX4,ELSET=PLATE',
         calculix.element_lines(plate, start),
         calculix.set_lines('PLATE', 'N', range(first, len(nodes) + 1)),
+        calculix.set_lines('FACE', 'N', (number[i, rows] for i in range(columns // 2))),
         '*MATERIAL,NAME=WALL',
         calculix.neo_hooke(ball.young_modulus, ball.poisson_ratio)
         if ball.rubber
@@ -130,26 +141,35 @@ def deck(ball: Squeezed, depths: np.ndarray) -> str:
         parts += [
             '*STEP,NLGEOM,INC=200\n*STATIC\n0.5,1.0,1e-4',
             f'*BOUNDARY\nPLATE,2,2,{-depth:.12g}',
-            '*NODE PRINT,NSET=PLATE\nRF\n*END STEP',
+            '*NODE PRINT,NSET=PLATE\nRF\n*NODE PRINT,NSET=FACE\nU\n*END STEP',
         ]
     return '\n'.join(parts) + '\n'
 
 
-def solve(ball: Squeezed, depths: np.ndarray) -> list[float]:
-    """Force on one plate (N) at each depth of it (mm)."""
+def solve(ball: Squeezed, depths: np.ndarray) -> tuple[list[float], list[float]]:
+    """Force on one plate (N) at each depth of it (mm), and the radius that it touches (mm)."""
     tables = calculix.run(deck(ball, depths), 'plates')
-    found = []
-    for step in range(1, len(depths) + 1):
+    nodes = wall_nodes(ball)[0]
+    top = ball.radius + 0.5 * ball.thickness
+    forces, radii = [], []
+    for step, depth in enumerate(depths.tolist(), 1):
         table = tables[min(tables, key=lambda time: abs(time - step))]
         reaction = next(rows for (what, _), rows in table.items() if what.startswith('forces'))
-        found.append(-WEDGES * float(sum(row[1] for row in reaction.values())))
-    return found
+        forces.append(-WEDGES * float(sum(row[1] for row in reaction.values())))
+        moved = next(rows for (what, _), rows in table.items() if what.startswith('disp'))
+        face = np.array([np.add(nodes[node], move) for node, move in moved.items()])
+        face = face[np.argsort(face[:, 0])]
+        gap = (top - depth) - face[:, 1]
+        # The contact is stiff, not rigid: what it touches reaches a little beyond the plate.
+        last = int(np.flatnonzero(gap <= 0.0)[-1])
+        radii.append(float(np.interp(0.0, gap[last : last + 2], face[last : last + 2, 0])))
+    return forces, radii
 
 
 def keep(ball: Squeezed, shares: list[float], path: Path) -> None:
     """Solve at these depths over the wall and keep."""
     depths = ball.thickness * np.array(shares)
-    forces = solve(ball, depths)
+    forces, _ = solve(ball, depths)
     kept = {
         'what': 'hollow sphere between two rigid flat plates without friction; depth of one plate',
         'source': f'CalculiX CrunchiX {calculix.solver_version()}, CAX8R, contact, NLGEOM',
@@ -160,6 +180,23 @@ def keep(ball: Squeezed, shares: list[float], path: Path) -> None:
         'depth_m': (1e-3 * depths).round(9).tolist(),
         'force_n': [round(force, 6) for force in forces],
     }
+    path.write_text(json.dumps(kept, indent=1) + '\n')
+
+
+def keep_friction(ball: Squeezed, shares: list[float], frictions: list[float]) -> None:
+    """Solve with each friction at these depths over the wall and keep, with the contact radius."""
+    depths = ball.thickness * np.array(shares)
+    found = [solve(replace(ball, friction=friction), depths) for friction in frictions]
+    kept = {
+        'what': 'hollow sphere between two rigid flat plates with friction; force on one plate',
+        'source': f'CalculiX CrunchiX {calculix.solver_version()}, CAX8R, contact with friction, '
+        'NLGEOM',
+        'depth_m': (1e-3 * depths).round(9).tolist(),
+        'friction': frictions,
+        'force_n': [np.round(forces, 3).tolist() for forces, _ in found],
+        'radius_m': [(1e-3 * np.array(radii)).round(6).tolist() for _, radii in found],
+    }
+    path = KEPT.with_name('solid_friction.json')
     path.write_text(json.dumps(kept, indent=1) + '\n')
 
 
@@ -178,7 +215,7 @@ def beside_balls(ball: Squeezed, shares: list[float]) -> None:
     )  # fmt: skip
     print('| depth [mm] | ' + ' | '.join(f'{depth:g}' for depth in depths) + ' |')
     print('|---|' + len(depths) * '---|')
-    forces = solve(ball, depths)
+    forces, _ = solve(ball, depths)
     print('| solid [N] | ' + ' | '.join(f'{force:.4f}' for force in forces) + ' |')
     for theory in ('thick', 'koiter'):
         model = build_model(shell, theory, control_vertices=1000)
@@ -198,6 +235,7 @@ def main() -> None:
         small = replace(THICK, along=160, across=6, indenter=indenter)
         beside_balls(small, [0.05, 0.1, 0.25, 0.5])
         return
+    keep_friction(Squeezed(), [0.5, 1.0, 1.5], [0.0, 0.3, 1.0])
     keep(Squeezed(), [0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5], KEPT)
     keep(THICK, [0.1, 0.25, 0.5, 0.75, 1.0, 1.5], KEPT.with_name('solid_thick_plates.json'))
 

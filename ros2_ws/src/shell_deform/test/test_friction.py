@@ -83,6 +83,24 @@ def test_friction_keeps_the_tangent_symmetric(held):
     assert abs(matrix - matrix.T).max() < 1e-12 * abs(matrix).max()
 
 
+def test_bodies_that_go_on_push_what_sticks_as_their_tangent_says(held):
+    model, contacts, _, state = held
+    still = np.zeros((2, 6))
+    field = contact_field(
+        model.outer_face, model.wall_stiffness, {0: contacts[0].body, 1: contacts[1].body},
+        np.ones(2, bool),
+    ).started(state.memory, state.positions, state.displacement, still).sticking  # fmt: skip
+    here = field.press(state.positions, state.displacement, state.force, still)
+    # What slipped on the way there carries its friction still.
+    np.testing.assert_allclose(here.force, state.force, rtol=1e-9)
+    depth, motion = state.displacement + [3e-10, -2e-10], 1e-8 * np.eye(2, 6, 2)
+    motion[1, 5] = 2e-7
+    there = field.press(state.positions, depth, state.force, motion)
+    found = field.carried(here, depth, motion)
+    wanted = (here.gradient - there.gradient).ravel()
+    np.testing.assert_allclose(found, wanted, atol=1e-4 * np.abs(wanted).max())
+
+
 def test_all_friction_of_a_plate_stays_below_mu_times_its_push(held):
     for touch in pulled(held, 0.5)[0].touches:
         size = np.linalg.norm(touch.friction, axis=1)
@@ -169,13 +187,11 @@ def test_tensions_of_a_strip_that_slips_around_a_rod_are_in_the_ratio_of_euler(f
     assert row.value == pytest.approx(np.exp(friction * capstan.ARC), rel=0.01 + 0.02 * friction)
 
 
-def test_friction_stiffens_a_squeeze_as_it_does_in_a_solid():
-    rows = list(
-        verification_friction._forces(
-            {**verification_friction.kept_friction(), 'depth_m': [5e-4]}, MU, [21.21], 650
-        )
-    )
-    assert rows[0].passed
+def test_a_squeeze_with_friction_is_as_stiff_and_as_wide_as_in_a_solid():
+    kept = {**verification_friction.kept_friction(), 'depth_m': [5e-4]}
+    force, radius = verification_friction._squeezed(kept, kept['friction'].index(MU), 650)
+    assert force.passed
+    assert radius.passed
 
 
 def test_a_motion_that_fits_no_contact_is_refused(held):

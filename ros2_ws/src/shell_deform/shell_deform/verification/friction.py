@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from shell_deform.building import build_model
 from shell_deform.contact.bodies import RoundBar
 from shell_deform.contact.loads import ContactPatch
+from shell_deform.contact.region import pressed_areas
 from shell_deform.model import ShellModel
 from shell_deform.solve.equilibrium import Equilibrium, displaced
 from shell_deform.solve.newton import EquilibriumSolver
@@ -29,7 +30,7 @@ STEPS = 5
 # The squeeze [walls] and the turn [rad] of the plate that slips all over.
 TWISTED, TURNS = 0.4, (3e-3, 1e-2, 3e-2)
 SPIN_FRICTION = 0.3
-GOAL = 0.01
+GOAL, RADIUS_GOAL = 0.01, 0.03
 
 
 def kept_friction() -> dict[str, Any]:
@@ -58,28 +59,47 @@ def squeezed(
 def problems(control_vertices: int = 650) -> Iterator[Verified]:
     """Forces with every friction and depth of the kept solution, a plate that spins, a strip."""
     kept = kept_friction()
-    for friction, forces in zip(kept['friction'], kept['force_n'], strict=True):
-        yield from _forces(kept, friction, forces, control_vertices)
+    for number in range(len(kept['friction'])):
+        yield from _squeezed(kept, number, control_vertices)
     yield from spin(control_vertices)
     yield from capstan.problems()
 
 
-def _forces(
-    kept: dict[str, Any], friction: float, forces: list[float], control_vertices: int
-) -> Iterator[Verified]:
-    depths = np.array(kept['depth_m'])
+def _squeezed(kept: dict[str, Any], number: int, control_vertices: int) -> Iterator[Verified]:
+    """Force and radius of contact at every depth, with one friction of the kept solution."""
+    depths, friction = np.array(kept['depth_m']), kept['friction'][number]
     with stopwatch() as watch:
         model, contacts = plated(friction, control_vertices)
         step = depths[0] / STEPS
         count = round(depths[-1] / step)
         states = squeezed(EquilibriumSolver(model), contacts, step * np.arange(1, count + 1))
-    for depth, force in zip(depths, forces, strict=True):
-        number = round(depth / step) - 1
-        value = float(states[number].force[0]) if number < len(states) else np.nan
-        yield Verified(
-            f'plates_with_friction_{friction:g}', f'force at {1e3 * depth:g} mm', force,
-            kept['source'], value, len(model.rest), watch.seconds / len(depths), GOAL,
-        )  # fmt: skip
+    for k, depth in enumerate(depths.tolist()):
+        at = round(depth / step) - 1
+        state = states[at] if at < len(states) else None
+        found = {
+            'force': (kept['force_n'], np.nan if state is None else float(state.force[0]), GOAL),
+            'radius': (kept['radius_m'], _radius(model, state), RADIUS_GOAL),
+        }
+        for what, (wanted, value, goal) in found.items():
+            yield Verified(
+                f'plates_with_friction_{friction:g}', f'{what} at {1e3 * depth:g} mm',
+                wanted[number][k], kept['source'], value, len(model.rest),
+                watch.seconds / len(depths), goal,
+            )  # fmt: skip
+
+
+def _radius(model: ShellModel, state: Equilibrium | None) -> float:
+    """Outer radius [m] of the disc or ring that one plate touches; NaN for no state.
+
+    That of a ring with the same area A and polar moment J: b^2 = J / A + A / (2 pi). Deeper than
+    a wall the flattened cap rests on its rim alone.
+    """
+    if state is None or state.memory is None:
+        return np.nan
+    touch = state.touches[0]
+    areas = pressed_areas(model.outer_face, state.memory, touch)
+    area, arms = float(areas.sum()), np.linalg.norm(touch.face.position[:, :2], axis=1)
+    return float(np.sqrt(areas @ arms**2 / area + area / (2.0 * np.pi)))
 
 
 def spin(control_vertices: int = 650) -> Iterator[Verified]:

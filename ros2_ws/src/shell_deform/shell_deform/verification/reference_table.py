@@ -185,11 +185,15 @@ def _plates() -> Iterator[Reference]:
 
 def _friction() -> Iterator[Reference]:
     kept = friction.kept_friction()
-    for mu, forces in zip(kept['friction'], kept['force_n'], strict=True):
-        for depth, force in zip(kept['depth_m'], forces, strict=True):
+    for mu, *found in zip(kept['friction'], kept['force_n'], kept['radius_m'], strict=True):
+        for depth, force, radius in zip(kept['depth_m'], *found, strict=True):
+            name = f'plates_with_friction_{mu:g}'
             yield Reference(
-                f'plates_with_friction_{mu:g}', _force_at(depth), force, 'own', kept['source'],
-                friction.GOAL, SCORED,
+                name, _force_at(depth), force, 'own', kept['source'], friction.GOAL, SCORED
+            )
+            yield Reference(
+                name, f'radius at {1e3 * depth:g} mm', radius, 'own', kept['source'],
+                friction.RADIUS_GOAL, SCORED,
             )  # fmt: skip
     yield Reference(
         'spin_of_a_slipping_plate', 'moment', None, 'published',

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pads on every kind of surface: triangles fit the place, depth counts from first touch."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +75,18 @@ def fine(places):
 @pytest.mark.parametrize('kind', ['revolution', 'mesh'])
 def test_an_egg_is_as_stiff_however_it_is_described(kind, places, fine, tmp_path):
     np.testing.assert_allclose(depths(egg(kind, tmp_path, places), [15.0, 45.0]), fine, rtol=0.03)
+
+
+@pytest.mark.parametrize('kind', ['revolution', 'mesh'])
+def test_triangles_are_as_small_around_a_pad_as_under_it_however_it_is_described(kind, tmp_path):
+    """A wall so thick that drawing vertices together reaches the wanted edge at one place."""
+    thick = replace(egg(kind, tmp_path, SIDES), thickness_m=1e-3)
+    mesh = object_mesh(thick, 400)
+    ends = mesh.vertices[mesh.edges]
+    bending = np.sqrt(WIDE * thick.thickness_m)
+    near = np.linalg.norm(ends.mean(axis=1) - SIDES[0], axis=1) < 0.7 * bending
+    edges = np.linalg.norm(ends[near, 0] - ends[near, 1], axis=1)
+    assert edges.mean() < 0.3 * bending
 
 
 def test_the_radius_of_a_place_is_its_smallest_one(tmp_path):

@@ -20,16 +20,24 @@ REACH = 6.0
 
 
 def with_small_triangles(
-    mesh: ControlMesh, target: Target, places: FloatArray, edge: float, rims: bool = False
+    mesh: ControlMesh,
+    target: Target,
+    places: FloatArray,
+    edge: float,
+    rims: bool = False,
+    around: bool = False,
 ) -> ControlMesh:
     """Edges of about `edge` [m] around `places` (k, 3): drawn together, or where that is not
     enough, by more vertices; also on the boundary if `rims`. Vertices stay on `target`.
+
+    Drawn together they are that short at the places alone, which is not enough if they have to be
+    `around` them: for rigid bodies, which press along a ring.
     """
     if not len(places):
         return mesh
     centres, _ = target.project(places)
     usual = np.array([_usual_edge(mesh, mesh.vertices, centre) for centre in centres])
-    if np.all(edge >= SMALLEST_SHARE * usual):
+    if np.all(edge >= (1.0 if around else SMALLEST_SHARE) * usual):
         return drawn_together(mesh, target, places, edge)
     return refined(mesh, target, places, edge, rims)
 

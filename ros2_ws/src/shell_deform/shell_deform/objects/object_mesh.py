@@ -94,12 +94,13 @@ def object_mesh(
     radius = _smallest_contact(shell, target, refine_radius)
     even, left = _graded(shell, target, count, places, radius)
     edge = EDGES_PER_RADIUS * radius
-    mesh = with_small_triangles(even, target, left, edge)
+    around = _pressed_by_bodies(shell)
+    mesh = with_small_triangles(even, target, left, edge, around=around)
     fitted = _ringed(interpolating(mesh), target)
     if thin_share(fitted) <= MOST_THIN:
         return fitted
     # Large triangles beside small ones have slid into slivers: once more along the normals alone.
-    mesh = with_small_triangles(even, target, left, edge, rims=True)
+    mesh = with_small_triangles(even, target, left, edge, rims=True, around=around)
     ringed = with_outer_ring(raised(mesh, target))
     steady = fit_limit_surface(ringed, target, 2 * FIT_STEPS, STEADY)
     return min(fitted, steady, key=thin_share)
@@ -168,6 +169,11 @@ def _places(shell: ShellObject, refine_at: npt.ArrayLike | None) -> FloatArray:
     return places
 
 
+def _pressed_by_bodies(shell: ShellObject) -> bool:
+    """Whether rigid bodies press on places of the object."""
+    return any(contact.kind in ('pad', 'fingertip') for contact in shell.contacts)
+
+
 def _smallest_contact(shell: ShellObject, target: Target, refine_radius: float | None) -> float:
     """Size [m] that triangles must resolve: as asked, or that of the object's contacts."""
     radius = refine_radius
@@ -215,6 +221,7 @@ def _from_file(
                     lambda target: (
                         EDGES_PER_RADIUS * _smallest_contact(shell, target, refine_radius)
                     ),
+                    _pressed_by_bodies(shell),
                 ),
             ).fit.mesh
         except ObjectError as error:

@@ -78,10 +78,12 @@ class Refinement:
 
     Attributes:
         places: (k, 3) [m]. edge: wanted edge length there [m], told by the surface fitted so far.
+        around: whether also around them, see `with_small_triangles`.
     """
 
     places: FloatArray
     edge: Callable[[LimitTarget], float]
+    around: bool = False
 
 
 def prepare(
@@ -132,7 +134,9 @@ def prepare(
             # Triangles through scan points are as rough as these: how round a place is and where
             # vertices go is told by a surface that is fitted to the scan.
             smooth = LimitTarget(fit_scan(mesh, first.vertices, np.empty((0, 3)), 0.0).mesh)
-            mesh = with_small_triangles(mesh, smooth, refinement.places, refinement.edge(smooth))
+            mesh = with_small_triangles(
+                mesh, smooth, refinement.places, refinement.edge(smooth), around=refinement.around
+            )
         result = _fitted(first, scan, mesh, thickness, face, rim_limit)
         if error is not None and result.systematic_m <= error:
             break

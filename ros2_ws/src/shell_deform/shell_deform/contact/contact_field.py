@@ -210,7 +210,7 @@ class ContactField:
         for pose, body in zip(poses, self.bodies, strict=True):
             distance = pose.at_least(body.shape, places)
             near = np.flatnonzero(distance < far)
-            distance[near] = pose.distance(body.shape, places[near]).value
+            distance[near] = body.shape.distance(pose.inside(places[near])).value
             distances.append(distance)
         return Memory(np.stack(distances), np.stack([pose.inside(places) for pose in poses]))
 

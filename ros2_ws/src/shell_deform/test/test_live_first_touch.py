@@ -137,7 +137,7 @@ def test_a_finger_that_jumps_elsewhere_under_its_number_is_a_new_contact(model):
 
 def test_contacts_whose_equilibrium_is_never_found_stay_answered_by_linear_theory(model):
     pipeline = live_hand.pipeline(model, replace(SURE, drive='force'))
-    pipeline.solver.tracker.advance = lambda target: 0.0
+    pipeline.solver.tracker.advance = lambda target, tangents: 0.0
     contacts = grip(directions(1)[0], 2.0)
     first = pipeline.tick(contacts).max_displacement
     pipeline.refresh()

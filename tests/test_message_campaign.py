@@ -49,7 +49,7 @@ REQUESTS = 40 if SOAK else 5
 VALUES = 2_000 if SOAK else 60
 PATIENCE_S = 20.0
 # A burst of which so long nothing more arrives has lost the rest on the way.
-QUIET_S = 0.5
+QUIET_S = 0.1
 # Every so many bursts the messages are damaged on the wire, and the node is asked a question.
 DAMAGED = 10
 # Latched topics take nothing from a publisher that is not.

@@ -112,7 +112,7 @@ def read_calibration(path: Path) -> HandCalibration:
         CalibrationError: missing or unreadable file, unknown key, wrong or impossible value.
     """
     try:
-        document = bounded_yaml.load(path.read_text(encoding='utf-8'))
+        document = bounded_yaml.load(bounded_yaml.text_of(path))
     except (OSError, UnicodeDecodeError) as error:
         raise CalibrationError(
             f'calibration {path}: cannot be read ({error}); make one with hand_calibrate'

@@ -19,6 +19,7 @@ from scipy.stats import norm, t
 from barrett_hand_bridge.calibration import CalibrationError, GaugeCalibration
 from barrett_hand_bridge.hand import FINGERS
 from barrett_hand_bridge.kinematics import GRAVITY_M_PER_S2, Array
+from grasp_common import bounded_yaml
 
 # What weight of the link, drift and temperature may add to an unloaded gauge (N m).
 UNLOADED_NM = 0.1
@@ -62,7 +63,7 @@ def read_weighings(path: Path) -> dict[int, list[Weighing]]:
         CalibrationError: missing file, other header, or a row that cannot be read, with its line.
     """
     try:
-        lines = path.read_text(encoding='utf-8').splitlines()
+        lines = bounded_yaml.text_of(path).splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise CalibrationError(f'{path}: cannot be read ({error})') from error
     return parse_weighings(lines, str(path))

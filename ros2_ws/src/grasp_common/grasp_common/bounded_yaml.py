@@ -8,6 +8,8 @@ for.
 
 from __future__ import annotations
 
+import errno
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -48,6 +50,25 @@ class BoundedLoader(yaml.SafeLoader):
         if not alias:
             self._sizes[id(node)] = self._count - before
         return node
+
+
+def regular(path: Path) -> Path:
+    """`path`; raises OSError for a pipe or a device.
+
+    Whoever opens a pipe waits for its writer, for ever and for no signal; some devices never end.
+    """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise OSError(errno.EINVAL, 'it is no regular file', str(path))
+    return path
+
+
+def text_of(path: Path, encoding: str = 'utf-8') -> str:
+    """The text of a regular file; raises OSError or UnicodeDecodeError."""
+    with regular(path).open('rb') as stream:
+        octets = stream.read(LARGEST_TEXT + 1)
+    if len(octets) > LARGEST_TEXT:
+        raise OSError(errno.EFBIG, f'it has more than {LARGEST_TEXT} bytes', str(path))
+    return octets.decode(encoding).replace('\r\n', '\n')
 
 
 def load(text: str) -> Any:

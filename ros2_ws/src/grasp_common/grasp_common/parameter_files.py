@@ -13,7 +13,7 @@ from pathlib import Path
 
 import yaml
 
-from grasp_common.bounded_yaml import LARGEST_TEXT, compose
+from grasp_common.bounded_yaml import compose, text_of
 from grasp_common.parameter_table import ParameterError
 from grasp_common.terminal import printable
 
@@ -39,9 +39,7 @@ def nodes_in(file: str) -> list[str]:
     try:
         if not Path(file).is_file():
             raise ParameterError('there is no regular file of this name')
-        with open(file, 'rb') as stream:
-            octets = stream.read(LARGEST_TEXT + 1)
-        root = compose(octets.decode('utf-8-sig'))
+        root = compose(text_of(Path(file), 'utf-8-sig'))
         if not isinstance(root, yaml.MappingNode):
             raise ParameterError('it holds no map of names')
         names = [f'/{name}' for name in _nodes(root, ())]

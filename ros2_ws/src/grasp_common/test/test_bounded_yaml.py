@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """YAML from strangers is read like any other, unless it expands or nests beyond reason."""
 
+import os
 import time
+from pathlib import Path
 
 import pytest
 import yaml
@@ -56,3 +58,19 @@ def test_a_value_that_holds_itself_is_no_endless_one():
 def test_tags_that_would_run_something_are_refused():
     with pytest.raises(yaml.YAMLError):
         bounded_yaml.load('!!python/object/apply:os.system ["true"]')
+
+
+def test_a_pipe_or_a_device_is_refused_unopened(tmp_path: Path) -> None:
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    for path in (pipe, Path('/dev/zero')):
+        with pytest.raises(OSError, match='no regular file'):
+            bounded_yaml.text_of(path)
+
+
+def test_a_file_longer_than_any_is_not_read_to_its_end(tmp_path: Path) -> None:
+    file = tmp_path / 'long'
+    with file.open('wb') as stream:
+        stream.truncate(2**40)
+    with pytest.raises(OSError, match='more than 8388608 bytes'):
+        bounded_yaml.text_of(file)

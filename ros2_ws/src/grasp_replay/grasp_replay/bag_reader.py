@@ -94,7 +94,7 @@ def read_metadata(path: Path) -> tuple[dict[str, Any], list[str]]:
     if not file.is_file():
         return {}, ['metadata.yaml is missing; files are read in the order of their names']
     try:
-        document = bounded_yaml.load(file.read_text())
+        document = bounded_yaml.load(bounded_yaml.text_of(file))
         information = document['rosbag2_bagfile_information']
         if isinstance(information, dict):
             return information, []
@@ -108,8 +108,10 @@ def bag_files(path: Path, metadata: dict[str, Any]) -> list[Path]:
     """The storage files of a bag in their order; raises BagError when there is none."""
     if not path.exists():
         raise BagError(f'{path} does not exist; give a bag directory or an .mcap file')
-    if not path.is_dir():
+    if path.is_file():
         return [path]
+    if not path.is_dir():
+        raise BagError(f'{path} is no regular file; give a bag directory or an .mcap file')
     names = metadata.get('relative_file_paths')
     if isinstance(names, list) and names and all(isinstance(name, str) for name in names):
         files = [_named_file(path, name) for name in names]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sqlite3
 from pathlib import Path
@@ -209,3 +210,9 @@ def test_an_independent_reader_sees_the_same_messages(tmp_path: Path) -> None:
     with open_bag(directory) as bag:
         ours = [message.data for message in bag.messages()]
     assert ours == theirs == [string_cdr(f'text {index}') for index in range(500)]
+
+
+def test_a_pipe_is_no_bag_and_nobody_waits_for_its_writer(tmp_path):
+    os.mkfifo(tmp_path / 'pipe.mcap')
+    with pytest.raises(BagError, match='no regular file'):
+        open_bag(tmp_path / 'pipe.mcap')

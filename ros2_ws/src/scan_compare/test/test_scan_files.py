@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from pathlib import Path
 
@@ -332,3 +333,10 @@ def test_a_surface_file_keeps_order_and_repeated_vertices(tmp_path: Path) -> Non
     path = tmp_path / 'surface.obj'
     path.write_text('v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 0 0\nf 1 2 3\n')
     assert len(read_mesh_file(path).points) == 4
+
+
+def test_a_pipe_or_a_device_is_no_scan(tmp_path):
+    os.mkfifo(tmp_path / 'scan.stl')
+    for path in (tmp_path / 'scan.stl', Path('/dev/zero')):
+        with pytest.raises(ScanFileError, match='no regular file'):
+            read_mesh_file(path)

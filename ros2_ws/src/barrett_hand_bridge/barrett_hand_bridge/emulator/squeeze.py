@@ -188,7 +188,7 @@ def read_force_table(path: Path) -> ForceTable:
         SqueezeError: the file is missing, has another form, or its columns do not rise.
     """
     try:
-        text = path.read_text(encoding='utf-8')
+        text = bounded_yaml.text_of(path)
     except (OSError, UnicodeDecodeError) as error:
         raise SqueezeError(f'{path}: cannot be read ({error})') from error
     if path.suffix == '.json':
@@ -229,7 +229,7 @@ def read_squeezed(path: Path) -> Squeezed:
         SqueezeError: the file is missing or does not describe an object.
     """
     try:
-        document = bounded_yaml.load(path.read_text(encoding='utf-8'))
+        document = bounded_yaml.load(bounded_yaml.text_of(path))
         if not isinstance(document, dict):
             raise SqueezeError(f'{path}: not a mapping')
         return _squeezed(document, path)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from grasp_common.bounded_yaml import regular
 from grasp_common.formats.envelope import opened
 from grasp_common.formats.obj import read_obj
 from grasp_common.formats.off import read_off
@@ -52,7 +53,7 @@ def read_mesh_file(path: str | Path) -> RawMesh:
     Raises ScanFileError, whose message names the file.
     """
     try:
-        data = Path(path).read_bytes()
+        data = regular(Path(path)).read_bytes()
     except OSError as error:
         raise ScanFileError(f'{path}: {error.strerror or error}') from None
     return parse_mesh(data, _suffix(Path(path)), str(path))

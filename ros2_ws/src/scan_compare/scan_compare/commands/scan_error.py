@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+from grasp_common.bounded_yaml import regular
 from grasp_common.command_line import parse
 from grasp_common.terminal import complain, say
 from scan_compare.commands.scan_error_options import build_parser
@@ -101,7 +102,7 @@ def _run(options: argparse.Namespace, progress: Progress) -> Comparison:
 def _start_from(path: Path) -> tuple[Pose, np.ndarray]:
     """Read contacts, six numbers a line; the pose that joins both frames, the points (c, 3)."""
     try:
-        table = np.loadtxt(path, ndmin=2, delimiter=None)
+        table = np.loadtxt(regular(path), ndmin=2, delimiter=None)
     except ValueError as error:
         raise ComparisonError(f'{path}: {error}') from None
     if table.shape[1] != 6 or not np.all(np.isfinite(table)):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp_common import bounded_yaml
 from shell_deform.identify.force_curve import IdentificationError
 
 Array = NDArray[np.float64]
@@ -27,7 +28,7 @@ def read_table(path: Path) -> tuple[Array, list[Path | None]]:
     in length.
     """
     try:
-        text = path.read_text(encoding='utf-8-sig')
+        text = bounded_yaml.text_of(path, 'utf-8-sig')
     except UnicodeDecodeError as error:
         raise IdentificationError(f'{path}: no text; give a CSV table or a bag') from error
     lines = [line.split(COMMENT)[0] for line in text.splitlines()]

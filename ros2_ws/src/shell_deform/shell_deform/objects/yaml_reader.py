@@ -124,7 +124,7 @@ def read_document(path: Path) -> Entry:
         ObjectError: the file cannot be read, is empty, or is no YAML.
     """
     try:
-        text = path.read_text(encoding='utf-8')
+        text = bounded_yaml.text_of(path)
         node = bounded_yaml.compose(text)
     except OSError as error:
         raise ObjectError(f'{path}: {error.strerror}') from error

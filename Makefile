@@ -54,7 +54,7 @@ soak: setup  ## the long figures: 10^6 mutations, 10-minute runs, 200 seeds; tab
 	@$(BIN)/python tests/soak.py
 
 mutants: setup  ## 100 small changes of the code, sampled by a seed: do the tests see them?
-	@$(BIN)/python -m tests.mutants --count 100 --seed 1
+	@$(BIN)/python -m tests.mutants --count 100 --seed 1 --slow 60
 
 bench: setup  ## performance and fidelity tables, side by side with the peers that are installed
 	@$(BIN)/python tests/benchmarks/run.py

@@ -6,9 +6,9 @@ A mutant changes one thing on one line: a comparison, a sign, an operator, a con
 undecided when one hangs. The tests of a mutant are the quick ones of the files nearest to it:
 those that import its module, then those that import what imports it; of each file those come
 first that name the function it is in. A test that takes longer than `QUICK_S` is stopped, and is
-asked only when `--slow` gives it time. Compiled kernels are reached through their plain twins, so
-a mutant costs no compilation; everything else runs with the kernels as they are compiled. Works
-in copies: the checkout is never changed.
+asked again, with the time of `--slow`, about a mutant that all quick ones let pass. Compiled
+kernels are reached through their plain twins, so a mutant costs no compilation; everything else
+runs with the kernels as they are compiled. Works in copies: the checkout is never changed.
 """
 
 from __future__ import annotations
@@ -355,7 +355,10 @@ def main() -> int:
     parser.add_argument('--seed', type=int, default=1, help='of the sample')
     parser.add_argument('--skip', type=int, default=0, help='so many of the sample, judged before')
     parser.add_argument(
-        '--slow', type=float, default=0.0, help='for the slow tests of one, if it survives (s)'
+        '--slow',
+        type=float,
+        default=20.0,
+        help='for the slow tests of one that survives; 0: none (s)',
     )
     parser.add_argument('--processes', type=int, default=2, help='mutants judged at a time')
     parser.add_argument('--match', default='', help='only modules whose path holds this')

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The real node, whose mesh goes where fingers with bodies rest: processes and topics."""
+
+from dataclasses import replace
+
+import live_hand
+import numpy as np
+import pytest
+from sensor_msgs.msg import PointCloud2
+from test_deformation_node import serving
+from tests.running import own_domain
+
+from shell_deform.building import build_model
+from shell_deform.contact.finger_bodies import read_finger_bodies
+from shell_deform.live.tick.load_path import LoadPath
+from shell_deform.live.tick.rehearsal import Rehearsal
+from shell_deform.objects import load_object
+
+STEP = 20_000_000
+ASIDE = np.array([[0.6, 0.0, -0.8], [0.0, 1.0, 0.0], [0.8, 0.0, 0.6]]).T
+WAY = [(depth, 0.0) for depth in np.linspace(1e-4, 8e-4, 8)]
+WAY += [(8e-4, turn) for turn in np.linspace(0.01, 0.04, 4)]
+VERTICES, FRICTION = 250, 0.4
+
+
+def gripped(number, beyond=0.0):
+    """Two tips far from the contacts of the object file; the first turns, then both rest.
+
+    `beyond`: a further turn at the end [rad].
+    """
+    depth, turn = WAY[min(number, len(WAY) - 1)]
+    turn += beyond
+    sample = live_hand.opposed([5.0] * 2, [depth] * 2, stamp=(number + 1) * STEP, radius=7.5e-3)
+    along = np.array([[0.0, -np.sin(turn), np.cos(turn)], [0.0, 0.0, 1.0]])
+    return replace(
+        sample,
+        point=sample.point @ ASIDE,
+        normal=sample.normal @ ASIDE,
+        force=sample.force @ ASIDE,
+        along=along @ ASIDE,
+    )
+
+
+def push(message):
+    """Push of the first finger by its cells [N]."""
+    names, rows = [field.name for field in message.fields], live_hand.packed(message)
+    mine = rows[rows[:, names.index('finger')] == 1]
+    force = mine[:, [names.index(name) for name in ('fx', 'fy', 'fz')]].sum(axis=0)
+    return float(force @ gripped(0).normal[0])
+
+
+def spin(message):
+    """What friction turns the ball with under the first finger [N m]."""
+    names = [field.name for field in message.fields]
+    return float(live_hand.packed(message)[0, names.index('spin_modelled')])
+
+
+def on_a_mesh_made_for_it():
+    """The same without node, on a mesh that is graded there from the beginning."""
+    bodies = read_finger_bodies('barrett_fingertip')
+    first = gripped(0)
+    places = first.point - first.travel[:, None] * first.normal
+    model = build_model(
+        bodies.touching(load_object('tennis_ball'), places), control_vertices=VERTICES
+    )
+    tips = Rehearsal(model, live_hand.Settings(live_hand.SURE), bodies.loaded())
+    path = LoadPath(2e-4, 0.0225)
+    for number in range(len(WAY) + 1):
+        tips.follow(gripped(number), path, FRICTION)
+    return tips.estimator.adopted.response.force[0]
+
+
+@pytest.mark.soak
+def test_the_node_changes_to_a_mesh_made_for_where_its_fingertips_rest(tmp_path):
+    with own_domain():
+        hand = live_hand.Observer()
+        cells = []
+        hand.node.create_subscription(PointCloud2, 'deformation/taxels', cells.append, 100)
+        node = serving(
+            hand, tmp_path / 'log', 'finger_body:=barrett_fingertip', f'friction:={FRICTION}',
+            f'control_vertices:={VERTICES}',
+        )  # fmt: skip
+        try:
+            sent = hand.stream(gripped, lambda: 'graded where the fingers are' in node.text)
+            before, count = (push(cells[-1]), spin(hand.grasps[-1])), len(cells)
+            hand.stream(lambda k: gripped(sent + k, 0.01), lambda: len(cells) > count)
+            after = push(cells[-1]), spin(hand.grasps[-1])
+            assert hand.state == 'CONTACT'
+        finally:
+            node.stop()
+            hand.close()
+    # The ball's own mesh is made for pins elsewhere, and too stiff here.
+    assert before[0] > 1.1 * after[0]
+    assert after[0] == pytest.approx(on_a_mesh_made_for_it(), rel=0.02)
+    # What friction had wound up stays.
+    assert abs(before[1]) > 1e-3
+    assert after[1] == pytest.approx(before[1], rel=0.5)

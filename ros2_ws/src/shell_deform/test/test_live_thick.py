@@ -200,6 +200,19 @@ def test_a_pin_that_slides_where_none_can_lie_stays_where_it_was(model):
     assert np.array_equal(adopted.places, places)
 
 
+def test_a_wall_that_was_lost_is_found_again_when_the_fingers_come_back(small):
+    """Told that both fingers met beyond its middle, it had no way back from where it ended."""
+    pipeline = live_hand.pipeline(small, replace(SURE, drive='motion'))
+    good = pipeline.settle(sliding(0.0, 1), rounds=3).packed.copy()
+    pipeline.settle(sliding(0.0, 2, 40e-3), rounds=2)
+    adopted = pipeline.estimator.adopted
+    assert adopted.share < 1.0 and adopted.message
+    served = pipeline.settle(sliding(0.0, 3), rounds=2)
+    adopted = pipeline.estimator.adopted
+    assert (adopted.share, adopted.message) == (1.0, '')
+    assert served.packed[:, :3] == pytest.approx(good[:, :3], abs=2e-5)
+
+
 @pytest.fixture(scope='module')
 def outer(ball, model):
     """Outer face (n, 3) [m] at a travel [m], by the offline solver."""

@@ -120,9 +120,13 @@ class HeldContact:
         return bool(
             np.linalg.norm(sideways) <= SLIDE_SHARE * self.patch.radius
             and self.axis_of(touch) @ self.patch.axis >= TURN
-            and abs(touch.radius - self.patch.radius) <= RADIUS_CHANGE * self.patch.radius
+            and self.has_radius_of(touch)
             and self._has_shape_of(touch)
         )
+
+    def has_radius_of(self, touch: Touch) -> bool:
+        """Whether the finger presses with about the radius of this patch."""
+        return abs(touch.radius - self.patch.radius) <= RADIUS_CHANGE * self.patch.radius
 
     def _has_shape_of(self, touch: Touch) -> bool:
         if self.shape is None or touch.shape is None:
@@ -201,7 +205,7 @@ class ContactTracker:
             if old is None or not old.slides_to(touch):
                 old = None
                 laid.append(touch.finger)
-            else:
+            elif old.has_radius_of(touch):
                 slid.append(touch.finger)
             back = self._remembered(touch) if old is None else None
             updated.append(back or self._lay(touch, old, positions, at_rest))

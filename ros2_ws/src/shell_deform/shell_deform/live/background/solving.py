@@ -104,6 +104,7 @@ class LiveSolver:
         self._grasp = GraspResponse(model)
         self._crossing = SelfCrossing(model)
         self.share = 1.0
+        self._nowhere = np.zeros((0, 3))
         self.seconds = 0.0
         self.turning = False
         """Whether the grips of the last load case had moved."""
@@ -178,8 +179,9 @@ class LiveSolver:
             lost = bool(self.tracker.message)
             good = self._go(load, touches, before, began)
             twice = bool(self.contacts.laid) or (bool(len(grips)) and not lost)
+            twice |= not len(grips) and self._leads_nowhere(lost, touches)
             if self.tracker.message and twice and not self._nearly_at_rest():
-                # A grasp taken up from the shape of another one may lead nowhere: once from rest.
+                # The shape of another grasp or a lost one may lead nowhere: once from rest.
                 self._let_go()
                 self._lay(touches)
                 self.share = self.tracker.advance(self._target(load, touches, {}))
@@ -214,6 +216,21 @@ class LiveSolver:
         self._change_contacts(held.state.force, held)
         self.share = self._approach(self._target(load, touches, before))
         return held.state
+
+    def _leads_nowhere(self, lost: bool, touches: tuple[Touch, ...]) -> bool:
+        """Whether a state that was `lost` before is no way at all to where the fingers are.
+
+        Once for every quarter of a wall that they move: to come from rest instead is dear.
+        """
+        if not lost or self.share > 0.0:
+            self._nowhere = np.zeros((0, 3))
+            return False
+        at = np.array([touch.point for touch in touches]).reshape(-1, 3)
+        near = FARTHEST_STEP * self._wall
+        if at.shape == self._nowhere.shape and np.abs(at - self._nowhere).max(initial=0.0) < near:
+            return False
+        self._nowhere = at
+        return True
 
     def _only_slid(self, held: Held) -> bool:
         """Whether the fingers that `held` are all there, and some of them on other patches."""

@@ -276,7 +276,7 @@ def test_turns_across_the_angle_of_two_contacts_only_widen_it(lean):
 
 @pytest.mark.parametrize('count', [2, 3, 4])
 def test_the_probability_of_closure_is_kept_by_draws(count):
-    grasps, draws = (300, 4) if count == 2 else (60, 8)
+    grasps, draws = (200, 16) if count == 2 else (60, 40)
     away, noise = _calibration(grasps, draws, _sigmas(count), 5)
     assert np.all(away < 0.03 + 4.0 * noise)
 

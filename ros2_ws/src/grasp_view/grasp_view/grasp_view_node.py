@@ -26,6 +26,7 @@ from std_msgs.msg import Bool, Float64, String
 
 from grasp_common.main_node import declare, run_node, status_name
 from grasp_common.messages import diagnostics
+from grasp_common.point_cloud import LARGEST_NUMBER
 
 from . import messages
 from .curves import Curves
@@ -248,7 +249,10 @@ class GraspView(Node):
 
     def _number(self, name: str) -> Take:
         def take(message: Float64, _: float) -> None:
-            self._keep(numbers={**self._snapshot.numbers, name: float(message.data)})
+            # What no float32 holds measures nothing, and overflows in millimetres.
+            told = float(message.data)
+            value = told if abs(told) <= LARGEST_NUMBER else float('nan')
+            self._keep(numbers={**self._snapshot.numbers, name: value})
 
         return take
 

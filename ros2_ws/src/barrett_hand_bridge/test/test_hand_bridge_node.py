@@ -434,7 +434,7 @@ def test_the_hand_pose_follows_the_arm(start, listener):
         (('port:=/dev/null',), 'parameter calibration is empty'),
         (('calibration:=none.yaml',), 'none.yaml'),
         (('backend:=telepathy',), "backend is 'telepathy'"),
-        (('baud:=fast',), "'baud' to 'fast'"),
+        (('baud:=fast',), "baud is 'fast', of type STRING; it must be of the type of 38400"),
         (('close_force:=100.0',), 'close_force out of range'),
         (('backend:=emulator', 'emulator_object:=no.yaml'), 'no.yaml'),
     ],

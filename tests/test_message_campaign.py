@@ -57,6 +57,8 @@ REACHES_ALL = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # What every node listens to by itself.
 NOT_OURS = '/parameter_events'
 QUEUES_OF_ONE = ('/clock',)
+# It ends the replay, as whoever calls it wants.
+ENDS = '/replay/stop'
 CAMERA = {
     'type': 'ViewerCameraMessage', 'wxyz': [1.0, 0.0, 0.0, 0.0], 'position': [1.0, 0.0, 0.0],
     'fov': 1.0, 'near': 0.01, 'far': 10.0, 'image_height': 600, 'image_width': 800,
@@ -156,6 +158,8 @@ class Sender:
         """Clients of everything that a node can be asked, by name, the life cycle last."""
         found = {}
         for service, kinds in self.node.get_service_names_and_types_by_node(name, '/'):
+            if service == ENDS:
+                continue
             package, folder, kind = kinds[0].split('/')
             kind, _, part = kind.partition('_')
             made = getattr(importlib.import_module(f'{package}.{folder}'), kind)

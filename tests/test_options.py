@@ -132,7 +132,7 @@ def test_whatever_names_an_option_names_one_of_today() -> None:
     """
     known = {spelling for ones in OPTIONS.values() for one in ones for spelling in one.names}
     known |= {'--help', '--version', '--ros-args', '--enclave', '--src', '--dst', *RENAMED}
-    known.add('--standby')
+    known |= {'--standby', '--params-file'}
     unknown = set()
     for source in (ROOT / 'ros2_ws' / 'src').glob('*/*/**/*.py'):
         if 'test' in source.parts:

@@ -22,7 +22,7 @@ from barrett_hand_bridge.arm import (
     quaternion_of,
     scara_flange,
 )
-from barrett_hand_bridge.description import urdf
+from barrett_hand_bridge.description.names import names
 from barrett_hand_bridge.kinematics import Array
 from grasp_common.messages import nanoseconds
 from grasp_common.terminal import printable
@@ -48,7 +48,7 @@ class ArmPose:
         self._tell_gravity = tell_gravity
         self._tell_pose = tell_pose
         self._mount = pose_from_numbers(values['hand_mount'])
-        self._own_frames = urdf.names(values).frames
+        self._own_frames = names(values).frames
         self._publisher = node.create_publisher(PoseStamped, 'hand_pose', 10)
         self._subscription = (
             node.create_subscription(

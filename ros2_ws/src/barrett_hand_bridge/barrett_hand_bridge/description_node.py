@@ -14,6 +14,7 @@ from std_msgs.msg import String
 
 from barrett_hand_bridge import assembly, messages
 from barrett_hand_bridge.description import urdf
+from barrett_hand_bridge.description.names import names
 from barrett_hand_bridge.hand import FINGERS
 from barrett_hand_bridge.kinematics import Array, modified_dh
 from barrett_hand_bridge.observer import Observation
@@ -34,7 +35,7 @@ class HandDescription:
         """Describe the hand that the parameters `values` describe."""
         self._node = node
         self._geometry = assembly.geometry(values)
-        self._names = urdf.names(values)
+        self._names = names(values)
         self._description = node.create_publisher(String, 'robot_description', LATCHED)
         self._description.publish(String(data=urdf.urdf(self._geometry, self._names)))
         self._tf = None

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from barrett_hand_bridge.arm import ArmError, pose_from_numbers
-from barrett_hand_bridge.description import urdf
+from barrett_hand_bridge.description.names import names
 from barrett_hand_bridge.gcl.realtime import FEEDBACK
 from grasp_common import parameter_table
 from grasp_common.parameter_table import Parameter, ParameterError
@@ -280,7 +280,7 @@ def check_all(values: Mapping[str, Any]) -> None:
         pose_from_numbers(values['hand_mount'])
     except ArmError as error:
         raise ParameterError(f'parameter hand_mount: {error}') from error
-    called = urdf.names(values)
+    called = names(values)
     _check_names(
         'hand_frame, tip_frames, world_frame and link_prefix',
         [*called.frames, str(values['world_frame'])],
@@ -293,15 +293,15 @@ def check_all(values: Mapping[str, Any]) -> None:
         )
 
 
-def _check_names(parameters: str, names: Sequence[str]) -> None:
+def _check_names(parameters: str, given: Sequence[str]) -> None:
     """TF is a tree: a frame that is its own parent, or has no name, is in none."""
-    for name in names:
+    for name in given:
         if not name.strip() or name.startswith('/') or not name.isprintable():
             raise ParameterError(
                 f'{printable(repr(name), 80)} is no name (parameters {parameters}): printable '
                 'ones without a leading slash are'
             )
-        if names.count(name) > 1:
+        if given.count(name) > 1:
             raise ParameterError(
                 f'{printable(repr(name), 80)} is the name of two things (parameters '
                 f'{parameters}): give each its own'

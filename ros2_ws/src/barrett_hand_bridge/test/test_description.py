@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barrett_hand_bridge.description import meshes, urdf
-from barrett_hand_bridge.description.urdf import Names
+from barrett_hand_bridge.description.names import Names
 from barrett_hand_bridge.kinematics import HandGeometry, finger_frames
 
 ROOT = ElementTree.fromstring(urdf.urdf(HandGeometry(), Names()))

@@ -19,9 +19,10 @@ from std_srvs.srv import Trigger
 
 from barrett_hand_bridge import messages
 from barrett_hand_bridge.description import urdf
+from barrett_hand_bridge.description.names import Names
 from barrett_hand_bridge.motion import MotionError
 
-NAMES = urdf.Names().joint_names
+NAMES = Names().joint_names
 HERE = urdf.MACRO.parent
 MOTORS = ('spread', 'finger_1_inner', 'finger_2_inner', 'finger_3_inner')
 
@@ -35,7 +36,7 @@ def expanded(**arguments):
 @pytest.mark.parametrize('prefix', ['', 'left_'])
 def test_the_macro_is_the_description_of_the_node_with_a_prefix(prefix):
     found = expanded(prefix=prefix)
-    called = urdf.Names(
+    called = Names(
         f'{prefix}hand_base',
         tuple(f'{prefix}finger_{finger}_tip' for finger in (1, 2, 3)),
         tuple(f'{prefix}{joint}' for joint in NAMES),

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from barrett_hand_bridge.description.names import Names
 from barrett_hand_bridge.hand import FINGERS
 from barrett_hand_bridge.kinematics import Array, HandGeometry, modified_dh
 from barrett_hand_bridge.motion import FINGER_TRAVEL_RAD
@@ -27,66 +27,6 @@ FASTEST_RAD_S = 2.5
 # Of plausible size, for simulators that want some: the maker gives no masses of links.
 MASSES_KG = {'palm': 0.7, 'knuckle': 0.1, 'inner_link': 0.1, 'outer_link': 0.1}
 INERTIA_KG_M2 = 1e-4
-
-
-@dataclass(frozen=True)
-class Names:
-    """Frames and joints as the node's parameters name them; `prefix` before all other links."""
-
-    hand_frame: str = 'hand_base'
-    tip_frames: tuple[str, str, str] = ('finger_1_tip', 'finger_2_tip', 'finger_3_tip')
-    joint_names: tuple[str, ...] = (
-        'spread',
-        *(f'finger_{finger}_{part}' for finger in FINGERS for part in ('inner', 'outer')),
-    )
-    prefix: str = ''
-
-    @property
-    def frames(self) -> list[str]:
-        """All links, every one of them a frame of TF that moves with the hand."""
-        parts = (self.knuckle, self.inner, self.outer, self.tip)
-        return [self.hand_frame, *(part(finger) for finger in FINGERS for part in parts)]
-
-    def knuckle(self, finger: int) -> str:
-        """The link that turns with the spread."""
-        return f'{self.prefix}finger_{finger}_knuckle'
-
-    def inner(self, finger: int) -> str:
-        """The link between joints 2 and 3."""
-        return f'{self.prefix}finger_{finger}_inner_link'
-
-    def outer(self, finger: int) -> str:
-        """The link behind joint 3."""
-        return f'{self.prefix}finger_{finger}_outer_link'
-
-    def tip(self, finger: int) -> str:
-        """The frame of a finger's wrench."""
-        return self.tip_frames[finger - 1]
-
-    def inner_joint(self, finger: int) -> str:
-        """Joint 2."""
-        return self.joint_names[2 * finger - 1]
-
-    def outer_joint(self, finger: int) -> str:
-        """Joint 3."""
-        return self.joint_names[2 * finger]
-
-
-def names(values: Mapping[str, object]) -> Names:
-    """The names from the node's parameters."""
-
-    def words(name: str) -> Sequence[str]:
-        found = values[name]
-        assert isinstance(found, list)
-        return found
-
-    first, second, third = words('tip_frames')
-    return Names(
-        str(values['hand_frame']),
-        (first, second, third),
-        tuple(words('joint_names')),
-        str(values['link_prefix']),
-    )
 
 
 def roll_pitch_yaw(rotation: Array) -> tuple[float, float, float]:

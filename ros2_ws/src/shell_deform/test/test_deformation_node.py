@@ -26,6 +26,7 @@ from tests.patience import Patience
 from tests.running import own_domain
 from tests.service_calls import answer
 
+from grasp_common.watchdog import end_with_parent
 from shell_deform.building import build_model
 from shell_deform.identify.force_curve import ForceCurve
 from shell_deform.live.tick.sample import FLAG_STALE
@@ -53,6 +54,8 @@ class Node:
                 stdout=stream,
                 stderr=subprocess.STDOUT,
                 env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+                # One that a failing fixture leaves must not answer the tests of the next run.
+                preexec_fn=end_with_parent,
             )
 
     @property

@@ -112,7 +112,7 @@ def read_calibration(path: Path) -> HandCalibration:
         CalibrationError: missing or unreadable file, unknown key, wrong or impossible value.
     """
     try:
-        document = bounded_yaml.load(bounded_yaml.text_of(path))
+        document = bounded_yaml.read(path)
     except (OSError, UnicodeDecodeError) as error:
         raise CalibrationError(
             f'calibration {path}: cannot be read ({error}); make one with hand_calibrate'

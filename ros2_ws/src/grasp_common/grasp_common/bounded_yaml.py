@@ -76,6 +76,11 @@ def load(text: str) -> Any:
     return yaml.load(text, Loader=BoundedLoader)  # noqa: S506  plain data only
 
 
+def read(path: Path) -> Any:
+    """The document in a regular file; raises OSError, UnicodeDecodeError or yaml.YAMLError."""
+    return load(text_of(path))
+
+
 def compose(text: str) -> yaml.Node | None:
     """The nodes of a text, which know their lines; None when empty; raises yaml.YAMLError."""
     return yaml.compose(text, Loader=BoundedLoader)

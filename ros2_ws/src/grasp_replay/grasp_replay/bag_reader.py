@@ -94,7 +94,7 @@ def read_metadata(path: Path) -> tuple[dict[str, Any], list[str]]:
     if not file.is_file():
         return {}, ['metadata.yaml is missing; files are read in the order of their names']
     try:
-        document = bounded_yaml.load(bounded_yaml.text_of(file))
+        document = bounded_yaml.read(file)
         information = document['rosbag2_bagfile_information']
         if isinstance(information, dict):
             return information, []

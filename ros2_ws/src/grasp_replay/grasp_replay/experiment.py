@@ -75,7 +75,7 @@ def read_experiment(bag: Path) -> Experiment:
     if not path.is_file():
         return Experiment(bag.stem, None, folder)
     try:
-        document = bounded_yaml.load(bounded_yaml.text_of(path))
+        document = bounded_yaml.read(path)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise BagError(f'{path} cannot be read ({str(error).splitlines()[0]})') from error
     if not isinstance(document, dict):
@@ -179,7 +179,7 @@ def published_source(path: Path, object_name: str) -> dict[str, str]:
     As its file says. Raises BagError.
     """
     try:
-        document = bounded_yaml.load(bounded_yaml.text_of(path))
+        document = bounded_yaml.read(path)
         source = {str(key): str(value) for key, value in document.get('source', {}).items()}
         young = (document.get(object_name) or {}).get('young_modulus_pa')
         printed = {} if young is None else {'modulus': f'E {float(young) / 1e6:g} MPa as printed'}
@@ -198,7 +198,7 @@ def published_source(path: Path, object_name: str) -> dict[str, str]:
 def read_published(path: Path, object_name: str) -> list[dict[str, float]]:
     """The rows of a published table for one object; empty without them. Raises BagError."""
     try:
-        document = bounded_yaml.load(bounded_yaml.text_of(path))
+        document = bounded_yaml.read(path)
         return [
             {key: value for key, value in row.items() if key != 'object'}
             for row in document['rows']

@@ -99,7 +99,7 @@ def parse_profile(item: object) -> QosProfile:
 def read_overrides(path: Path) -> dict[str, QosProfile]:
     """QoS profiles by topic name from a YAML file as rosbag2 takes it; raises BagError."""
     try:
-        document = bounded_yaml.load(bounded_yaml.text_of(path))
+        document = bounded_yaml.read(path)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         reason = str(error).splitlines()[0]
         raise BagError(f'{path}: the QoS overrides cannot be read ({reason})') from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import array
 import time
+from dataclasses import replace
 
 import numpy as np
 import rclpy
@@ -87,6 +88,25 @@ def opposed(forces, travel=None, outer_radius=0.0325, **options):
     """Two fingers on the x axis of a ball, pushing towards each other."""
     points = outer_radius * np.array([[1.0, 0, 0], [-1.0, 0, 0]])
     return sample(points, -points / outer_radius, forces, travel, **options)
+
+
+TIPS_WAY = [(depth, 0.0) for depth in np.linspace(1e-4, 8e-4, 8)]
+TIPS_WAY += [(8e-4, turn) for turn in np.linspace(0.01, 0.04, 4)]
+"""Depths [m] and turns of the first finger [rad] of `tips_aside`."""
+
+
+def tips_aside(stamp, depth, turn):
+    """Two fingertips on an axis of a ball far from its own contacts, the first one turned."""
+    tips = opposed([5.0] * 2, [depth] * 2, stamp=stamp, radius=7.5e-3)
+    along = np.array([[0.0, -np.sin(turn), np.cos(turn)], [0.0, 0.0, 1.0]])
+    aside = np.array([[0.6, 0.0, -0.8], [0.0, 1.0, 0.0], [0.8, 0.0, 0.6]]).T
+    return replace(
+        tips,
+        point=tips.point @ aside,
+        normal=tips.normal @ aside,
+        force=tips.force @ aside,
+        along=along @ aside,
+    )
 
 
 def cloud(contacts: ContactSample, frame='hand_base') -> PointCloud2:

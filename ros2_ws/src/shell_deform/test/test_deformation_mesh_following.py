@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The real node, whose mesh goes where fingers with bodies rest: processes and topics."""
 
-from dataclasses import replace
-
 import live_hand
-import numpy as np
 import pytest
 from sensor_msgs.msg import PointCloud2
 from test_deformation_node import serving
@@ -17,9 +14,6 @@ from shell_deform.live.tick.rehearsal import Rehearsal
 from shell_deform.objects import load_object
 
 STEP = 20_000_000
-ASIDE = np.array([[0.6, 0.0, -0.8], [0.0, 1.0, 0.0], [0.8, 0.0, 0.6]]).T
-WAY = [(depth, 0.0) for depth in np.linspace(1e-4, 8e-4, 8)]
-WAY += [(8e-4, turn) for turn in np.linspace(0.01, 0.04, 4)]
 VERTICES, FRICTION = 250, 0.4
 
 
@@ -28,17 +22,8 @@ def gripped(number, beyond=0.0):
 
     `beyond`: a further turn at the end [rad].
     """
-    depth, turn = WAY[min(number, len(WAY) - 1)]
-    turn += beyond
-    sample = live_hand.opposed([5.0] * 2, [depth] * 2, stamp=(number + 1) * STEP, radius=7.5e-3)
-    along = np.array([[0.0, -np.sin(turn), np.cos(turn)], [0.0, 0.0, 1.0]])
-    return replace(
-        sample,
-        point=sample.point @ ASIDE,
-        normal=sample.normal @ ASIDE,
-        force=sample.force @ ASIDE,
-        along=along @ ASIDE,
-    )
+    depth, turn = live_hand.TIPS_WAY[min(number, len(live_hand.TIPS_WAY) - 1)]
+    return live_hand.tips_aside((number + 1) * STEP, depth, turn + beyond)
 
 
 def push(message):
@@ -65,7 +50,7 @@ def on_a_mesh_made_for_it():
     )
     tips = Rehearsal(model, live_hand.Settings(live_hand.SURE), bodies.loaded())
     path = LoadPath(2e-4, 0.0225)
-    for number in range(len(WAY) + 1):
+    for number in range(len(live_hand.TIPS_WAY) + 1):
         tips.follow(gripped(number), path, FRICTION)
     return tips.estimator.adopted.response.force[0]
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The mesh goes where the fingers rest: when it is asked for, and how coarse it is said to be."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import live_hand
@@ -199,20 +198,6 @@ class Link:
         self.candidate = None
 
 
-def gripped(number, depth, turn):
-    """Two tips on an axis of the ball far from its own contacts, the first one turned."""
-    sample = live_hand.opposed([5.0] * 2, [depth] * 2, stamp=number, radius=7.5e-3)
-    along = np.array([[0.0, -np.sin(turn), np.cos(turn)], [0.0, 0.0, 1.0]])
-    aside = np.array([[0.6, 0.0, -0.8], [0.0, 1.0, 0.0], [0.8, 0.0, 0.6]]).T
-    return replace(
-        sample,
-        point=sample.point @ aside,
-        normal=sample.normal @ aside,
-        force=sample.force @ aside,
-        along=along @ aside,
-    )
-
-
 @pytest.mark.soak
 def test_a_mesh_made_for_where_the_tips_rest_knows_what_they_hold_by_friction():
     link, path, follower = Link(), FingerPath('barrett_fingertip', 1e-4), MeshFollower()
@@ -222,7 +207,7 @@ def test_a_mesh_made_for_where_the_tips_rest_knows_what_they_hold_by_friction():
     request = empty_request()
 
     def sent(number, depth, turn):
-        estimator.tick(gripped(number, depth, turn))
+        estimator.tick(live_hand.tips_aside(number, depth, turn))
         path.take(estimator, request, link.worker, 0.4)
         while not path.feed(link.worker):
             pass
@@ -230,8 +215,7 @@ def test_a_mesh_made_for_where_the_tips_rest_knows_what_they_hold_by_friction():
             estimator.adopt(slot)
         return follower.follow(link, estimator, path, 0.1 * number)
 
-    way = [(depth, 0.0) for depth in np.linspace(1e-4, 8e-4, 8)]
-    way += [(8e-4, turn) for turn in np.linspace(0.01, 0.04, 4)]
+    way = live_hand.TIPS_WAY
     found, number = None, 0
     while found is None:
         number += 1

@@ -229,7 +229,7 @@ def read_squeezed(path: Path) -> Squeezed:
         SqueezeError: the file is missing or does not describe an object.
     """
     try:
-        document = bounded_yaml.load(bounded_yaml.text_of(path))
+        document = bounded_yaml.read(path)
         if not isinstance(document, dict):
             raise SqueezeError(f'{path}: not a mapping')
         return _squeezed(document, path)

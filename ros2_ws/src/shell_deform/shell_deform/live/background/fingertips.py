@@ -250,18 +250,20 @@ class FingertipSolver:
             touched = replace(touched, condensed=self._untouched, rigid=rigid)
         columns = self._columns(fingers, found, touched)
         doubt = self._learn(None if anew else self._held, fingers, case, columns)
-        last = None if self._held is None or anew else self._held
+        # In a hurry the grasp and the wall are those of the last answer.
+        last = None if near is None or anew else self._held
         if touched.standing is None:
             response = unheld(found.positions.mean(axis=0), len(fingers))
-        elif near is not None and last is not None and last.response.sharing is not None:
+        elif last is not None and last.response.sharing is not None:
             response = last.response
         else:
             response = touched_response(model, case.contacts, found, grasp, touched.standing)
         self.tracker.beat()
         if anew or self._reader is None:
             self._reader = wall_reader(model, case.contacts)
-        wall = last.wall if near is not None and last is not None else None
-        if wall is None:
+        if last is not None:
+            wall = last.wall
+        else:
             wall = self._reader.at(found.unknowns, found.force, found.displacement)
         by_grips = model.surface.limit_fields(touched.grips.fields)
         return Held(fingers, found, case, touched, columns, by_grips, doubt, grasp, response, wall)

@@ -169,7 +169,7 @@ def moduli(count: int) -> Iterator[list[str]]:
 def depths(count: int) -> Iterator[list[str]]:
     """The depth under the pins of recordings, scanned again, by the whole comparison."""
     for name in RECORDED:
-        outcome = run(ROOT / 'bags' / name, PipelineOptions(thick=False))
+        outcome = run(ROOT / 'bags' / name, PipelineOptions())
         models = of_pipeline(outcome)
         places = sum(len(contacts.point) for _, contacts in models)
         seeds = range(FIRST_SEED, FIRST_SEED + -(-count // places))

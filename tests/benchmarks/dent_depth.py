@@ -124,9 +124,9 @@ Model = tuple[DeformedSurface | None, Contacts]
 
 
 def of_pipeline(outcome: Outcome) -> list[Model]:
-    """Koiter's surface at every load of a recording, and where the hand told its contacts."""
+    """The surface that a scan is laid on at every load, and where the hand told its contacts."""
     return [
-        (row.solved['koiter'].surface, outcome.shell.contacts_at_rest(row.patches))
+        (row.reference.surface, outcome.shell.contacts_at_rest(row.patches))
         for row in outcome.rows
     ]
 
@@ -198,7 +198,7 @@ def rows(names: list[str], depths_each: int, misfit: str | None, show_all: bool)
     """All depths, then how their errors compare with the printed standard deviations."""
     z: list[float] = []
     for name in names:
-        outcome = run(ROOT / 'bags' / name, PipelineOptions(thick=False))
+        outcome = run(ROOT / 'bags' / name, PipelineOptions())
         for row, true in zip(outcome.rows, true_scans(name), strict=True):
             what = f'{name}, {row.force:.2f} N'
             shown, own = depths(what, row.reference, true['displacement_outer_m'])

@@ -43,8 +43,6 @@ DEFAULT_OBJECT = 'tennis_ball'
 BY_CELLS = 'it presses by rigid pins, not where touch cells felt it'
 """Why theory thick has no answer to such a row."""
 
-REGISTERED_BY = ('koiter', 'paper', 'linear', 'thick')
-
 
 @dataclass(frozen=True)
 class PipelineOptions:
@@ -76,7 +74,10 @@ class PipelineOptions:
 
 @dataclass(frozen=True)
 class Row:
-    """One held scan: its load, and each theory's answer and comparison (None if not carried)."""
+    """One held scan: its load, and each theory's answer and comparison (None if not carried).
+
+    `registered_by`: the theory with which the pose of the scan was found, one for all.
+    """
 
     number: int
     hold: Hold
@@ -84,6 +85,7 @@ class Row:
     patches: tuple[ContactPatch, ...]
     solved: dict[str, Solved]
     compared: dict[str, Comparison | None]
+    registered_by: str
 
     @property
     def force(self) -> float:
@@ -94,7 +96,9 @@ class Row:
     @property
     def reference(self) -> Comparison:
         """The comparison that found the pose of the scan and its measured profiles."""
-        return next(c for c in map(self.compared.get, REGISTERED_BY) if c is not None)
+        found = self.compared[self.registered_by]
+        assert found is not None
+        return found
 
 
 @dataclass(frozen=True)
@@ -297,20 +301,22 @@ def _row(
     solved: dict[str, Solved] = {}
     compared: dict[str, Comparison | None] = dict.fromkeys(THEORIES)
     first: Comparison | None = None
-    # A scan has one pose: that of the theory named first in REGISTERED_BY which carries the load.
-    for theory in sorted(theories, key=REGISTERED_BY.index):
+    registered_by = ''
+    # A scan has one pose: that of the nearest theory which carries the load.
+    for theory in (name for name in shell.nearest_first if name in theories):
         solved[theory] = shell.solve(theory, patches, contacts.push, states[theory])
         if solved[theory].surface is None:
             continue
         states[theory] = solved[theory].state
         compared[theory] = _compare(hold, setting, solved[theory], patches, first)
-        first = first or compared[theory]
+        if first is None:
+            first, registered_by = compared[theory], theory
     if first is None:
         raise BagError(
             f'row {number}: no theory carries {np.round(contacts.push, 3).tolist()} N on '
             f'{shell.shell.name} ({solved[theories[0]].message})'
         )
-    return Row(number, hold, contacts, patches, solved, compared)
+    return Row(number, hold, contacts, patches, solved, compared, registered_by)
 
 
 def _compare(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from grasp_replay.grasp_rows import grasp_document
-from grasp_replay.pipeline import REGISTERED_BY, Outcome, Row
+from grasp_replay.pipeline import Outcome, Row
 from grasp_replay.theories import THEORIES
 from scan_compare.ranking import rank
 from shell_deform.theory import THICK
@@ -127,7 +127,7 @@ def row_document(row: Row) -> dict[str, Any]:
         'undeformed_residual_m': reference['undeformed_residual_m'],
         'coverage': reference['coverage'],
         'registration': reference['registration'],
-        'registered_by': next(name for name in REGISTERED_BY if row.compared[name] is not None),
+        'registered_by': row.registered_by,
         'verdict': verdict(row),
         'theories': {name: _theory(row, name) for name in THEORIES},
         'notes': reference['notes'],

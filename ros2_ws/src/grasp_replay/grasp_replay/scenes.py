@@ -31,7 +31,7 @@ def kind_of(outcome: Outcome) -> Kind:
 
 def scenes(outcome: Outcome) -> list[RowScene]:
     """One scene per row that both linear and koiter theory carry."""
-    places = _Places(outcome.rows[0].reference.surface)
+    places = _Places(outcome.shell.deformed(outcome.shell.model.rest))
     return [
         _scene(outcome, row, places)
         for row in outcome.rows

@@ -7,6 +7,7 @@ The thin walls share a mesh; the thick one has a finer one under its pins.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from grasp_replay.holds import HeldContacts
 from scan_compare.deformed_surface import DeformedSurface, surface_of_outer_face
 from scan_compare.dent import Contacts
 from shell_deform.assemble.stamps import WallError
-from shell_deform.building import build_model
+from shell_deform.building import build_model, fitting_theory
 from shell_deform.contact.finger_bodies import FingerBodies
 from shell_deform.contact.loads import ContactPatch
 from shell_deform.identify.force_curve import modulus_where
@@ -63,6 +64,16 @@ class TheorySet:
     def model(self) -> ShellModel:
         """The shell under the default theory."""
         return self.models['koiter']
+
+    @cached_property
+    def nearest_first(self) -> tuple[str, ...]:
+        """The theories by how near the wall they are: first the one that `auto` takes for it.
+
+        Then Koiter's, the paper's and the linear one; a thick wall comes last where a thin one is
+        as good, since it is less often carried.
+        """
+        first, _ = fitting_theory(self.shell, self.model)
+        return tuple(sorted((*reversed(THIN), THICK), key=lambda name: name != first))
 
     def with_young(self, young_pa: float) -> TheorySet:
         """The same thin walls with another modulus; they are proportional to it."""

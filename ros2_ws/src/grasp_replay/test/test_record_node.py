@@ -163,7 +163,7 @@ def test_an_interrupt_while_it_starts_ends_it_without_a_traceback(
     record.process.send_signal(signal.SIGINT)
     record.ended()
     if 'Traceback' in record.text or 'Fatal Python error: init' in record.text:
-        # It came before the first line of ours ran: Python itself complains, from a main of its own.
+        # It came before the first line of ours ran: Python's own start complains, of its own main.
         assert not re.search(r'command_line\.py", line \d+, in main', record.text)
     else:
         assert record.process.returncode in (0, -signal.SIGINT)

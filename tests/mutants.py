@@ -6,9 +6,11 @@ A mutant changes one thing on one line: a comparison, a sign, an operator, a con
 undecided when one hangs. The tests of a mutant are the quick ones of the files nearest to it:
 those that import its module, then those that import what imports it; of each file those come
 first that name the function it is in. A test that takes longer than `QUICK_S` is stopped, and is
-asked again, with the time of `--slow`, about a mutant that all quick ones let pass. Compiled
-kernels are reached through their plain twins, so a mutant costs no compilation; everything else
-runs with the kernels as they are compiled. Works in copies: the checkout is never changed.
+asked again, with the time of `--slow`, about a mutant that all quick ones let pass; files further
+away come last, those first that name the function. Compiled kernels are reached through their
+plain twins, so a mutant costs no compilation; everything else runs with the kernels as they are
+compiled. Works in copies: the checkout is never changed. A run that is interrupted or asked to end
+tells what it has found so far and leaves no process.
 """
 
 from __future__ import annotations
@@ -20,18 +22,22 @@ import os
 import random
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from queue import Queue
 
 from tests.patience import Patience
+from tests.processes import descendants
 from tests.quick_tests import LIMITS, Limits, Told, read_told
 
 from shell_deform.compiled.cache import kernel_sources
@@ -43,8 +49,8 @@ GOAL = 0.9
 LEFT_OUT = ('__init__', 'parameters', 'picture', '_node', 'page', 'setup')
 # Files of tests that start processes: seconds to minutes each.
 SLOW = ('_node', 'two_processes', 'fuzz', 'worker', 'conformance', 'campaign', 'recorded')
-# So many files of tests, the nearest first, judge a mutant.
-NEAREST = 6
+# So many files of tests, the nearest first, judge a mutant; so many more one that they let pass.
+NEAREST, FURTHER = 6, 12
 # A test that takes more processor time than this is slow; all of a mutant's together get so much,
 # and whoever waits for longer than `HANGS_S` hangs [s].
 QUICK_S, TOGETHER_S, HANGS_S = 1.0, 20.0, 90.0
@@ -60,6 +66,8 @@ COMMAND = (
 FIRST_STOPPED = 2
 # What pytest ends with where a conftest cannot be read.
 CANNOT_BEGIN = 4
+# Set where the whole run is to end.
+CUT = threading.Event()
 OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult}
 
 
@@ -76,7 +84,7 @@ class Mutant:
 
 @dataclass(frozen=True)
 class Verdict:
-    """`killed`, `survived`, `undecided` or `no test`; the test that killed, the first stopped."""
+    """`killed`, `survived`, `undecided`, `no test`, `cut`; what killed, what was stopped first."""
 
     word: str
     test: str = ''
@@ -151,6 +159,11 @@ def _alike(tree: ast.AST) -> set[tuple[int, int]]:
         if isinstance(node, ast.Call) and getattr(node.func, 'attr', '') == 'reshape':
             parts += [a for a in node.args if isinstance(a, ast.UnaryOp)]
     return _inside(parts)
+
+
+def _names(files: list[Path]) -> list[str]:
+    """As pytest takes them, from the root."""
+    return [str(file.relative_to(ROOT)) for file in files]
 
 
 @cache
@@ -229,8 +242,10 @@ def tests_of(path: Path) -> list[Path]:
         known = len(defined & words(test))
         return elsewhere, path.stem not in test.stem, -known, test.stat().st_size
 
-    seen, tests, front = {path}, [], [path]
-    while front and len(tests) < NEAREST:
+    seen: set[Path] = {path}
+    tests: list[Path] = []
+    front = [path]
+    while front:
         reached: set[Path] = set()
         for one in front:
             helper = one.parent.name == 'test'
@@ -241,7 +256,13 @@ def tests_of(path: Path) -> list[Path]:
         near = [one for one in near if not any(word in one.stem for word in SLOW)]
         tests += sorted(near, key=rank)
         front = sorted(one for one in reached if not one.stem.startswith('test_'))
-    return tests[:NEAREST]
+    return tests
+
+
+def further(mutant: Mutant, tests: list[Path]) -> list[Path]:
+    """Files of tests behind the nearest: first those that name what a mutant is in."""
+    within = set(mutant.within)
+    return sorted(tests[NEAREST:], key=lambda test: not within & words(test))[:FURTHER]
 
 
 class Copy:
@@ -259,23 +280,26 @@ class Copy:
     def judge(self, mutant: Mutant, slow_s: float) -> Verdict:
         """Run the tests of a mutant; the slow ones for so long, if the quick ones pass [s]."""
         chosen = tests_of(mutant.path)
-        if not chosen:
-            return Verdict('no test')
+        if CUT.is_set() or not chosen:
+            return Verdict('cut' if CUT.is_set() else 'no test')
         changed = self.folder / mutant.path.relative_to(ROOT)
         before = changed.read_text(encoding='utf-8')
         changed.write_text(mutant.text, encoding='utf-8')
         try:
-            return self._run(mutant, [str(test.relative_to(ROOT)) for test in chosen], slow_s)
+            return self._run(mutant, chosen, slow_s)
         finally:
             changed.write_text(before, encoding='utf-8')
 
-    def _run(self, mutant: Mutant, chosen: list[str], slow_s: float) -> Verdict:
-        told = self.tests(chosen, mutant)
+    def _run(self, mutant: Mutant, chosen: list[Path], slow_s: float) -> Verdict:
+        told = self.tests(_names(chosen[:NEAREST]), mutant)
         stopped = told.slow[:FIRST_STOPPED]
         if told.slow and not told.failed and slow_s:
             told = self.tests(list(told.slow), mutant, slow_s)
-        if told.failed:
-            return Verdict('killed', told.failed)
+        others = further(mutant, chosen)
+        if others and not told.failed and not told.hangs and slow_s:
+            told = self.tests(_names(others), mutant)
+        if CUT.is_set() or told.failed:
+            return Verdict('cut') if CUT.is_set() else Verdict('killed', told.failed)
         return Verdict('undecided' if told.hangs else 'survived', stopped=stopped)
 
     def tests(self, names: list[str], mutant: Mutant | None, slow_s: float = 0.0) -> Told:
@@ -299,17 +323,28 @@ class Copy:
             cwd=self.folder, env=environment, start_new_session=True,
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
-        patience = Patience(max(HANGS_S, 2.0 * slow_s) if mutant is not None else 600.0)
-        while process.poll() is None and not patience.over:
-            time.sleep(0.05)
-        hangs = process.poll() is None
-        if hangs:
-            os.killpg(process.pid, 9)
-            process.wait()
+        hangs = not ended(process, max(HANGS_S, 2.0 * slow_s) if mutant is not None else 600.0)
         told = read_told(Path(limits.told))
         if process.returncode == CANNOT_BEGIN:
             told = replace(told, failed=names[0])
         return replace(told, hangs=hangs)
+
+
+def ended(process: subprocess.Popen[bytes], patience_s: float) -> bool:
+    """Whether tests end by themselves in that time; if not they end with all they started [s]."""
+    patience = Patience(patience_s)
+    while process.poll() is None:
+        if patience.over or CUT.is_set():
+            os.killpg(process.pid, signal.SIGSTOP)
+            below = descendants(process.pid)
+            os.killpg(process.pid, signal.SIGKILL)
+            for pid in below:
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+            process.wait()
+            return False
+        time.sleep(0.05)
+    return True
 
 
 def judged(sample: list[Mutant], slow_s: float, processes: int) -> list[Verdict]:
@@ -326,17 +361,18 @@ def judged(sample: list[Mutant], slow_s: float, processes: int) -> list[Verdict]
             finally:
                 free.put(copy)
             where = f'{mutant.path.relative_to(ROOT / SOURCES)}:{mutant.line}'
-            found = f'{verdict.word:9}  {where}  {mutant.change}  {verdict.test}'
-            print(found, file=sys.stderr, flush=True)
+            if verdict.word != 'cut':
+                found = f'{verdict.word:9}  {where}  {mutant.change}  {verdict.test}'
+                print(found, file=sys.stderr, flush=True)
             return verdict
 
         with ThreadPoolExecutor(processes) as pool:
             verdicts = list(pool.map(judge, sample))
-        told = _unchanged(free.get(), verdicts)
+        told = Told() if CUT.is_set() else _unchanged(free.get(), verdicts)
     # What fails without the change, too, says nothing of it; what is stopped with it alone hangs.
     return [
         replace(v, word='undecided')
-        if v.test in told.all_failed or not set(v.stopped) <= set(told.slow)
+        if v.test in told.all_failed or not (CUT.is_set() or set(v.stopped) <= set(told.slow))
         else v
         for v in verdicts
     ]
@@ -364,6 +400,8 @@ def main() -> int:
     parser.add_argument('--match', default='', help='only modules whose path holds this')
     parser.add_argument('--json', action='store_true', help='one JSON document on stdout')
     options = parser.parse_args()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: CUT.set())
     choice = random.Random(options.seed)
     files = [path for path in modules() if options.match in str(path)]
     weights = [len(path.read_text(encoding='utf-8').splitlines()) for path in files]
@@ -375,7 +413,7 @@ def main() -> int:
             drawn.append((path, choice.choice(found)))
     sample = [mutant_at(path, index) for path, index in drawn[options.skip :]]
     verdicts = judged(sample, options.slow, options.processes)
-    score = Counter(verdict.word for verdict in verdicts)
+    score = Counter(verdict.word for verdict in verdicts if verdict.word != 'cut')
     decided = score['killed'] + score['survived']
     share = score['killed'] / max(decided, 1)
     rows = [
@@ -392,7 +430,7 @@ def main() -> int:
         print(json.dumps({'seed': options.seed, 'killed_of_decided': share, 'mutants': rows}))
     else:
         for row in rows:
-            if row['verdict'] != 'killed':
+            if row['verdict'] not in ('killed', 'cut'):
                 print(f'{row["verdict"]:9}  {row["file"]}:{row["line"]}  {row["change"]}')
         print(
             f'{score["killed"]} of {decided} decided mutants killed ({100 * share:.0f} %); {score}'

@@ -27,6 +27,9 @@ LIMITS = 'QUICK_TESTS'
 SLEEPS = 4.0
 """So many times longer than of processor time a test may take."""
 
+STOPPED = 'takes its time'
+"""Why a test was skipped that was stopped."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -93,19 +96,21 @@ class QuickTests:
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0.0)
             signal.setitimer(signal.ITIMER_REAL, 0.0)
-            if self._stopped:
-                self._slow.append(item.nodeid)
             if time.process_time() > self._limits.all_s:
                 item.session.shouldstop = 'all together took their time'
 
     def stop(self, *_: object) -> None:
         """The time of a test is up."""
         self._stopped = True
-        raise pytest.skip.Exception('takes its time')
+        raise pytest.skip.Exception(STOPPED)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Keep what failed, unless it was only stopped."""
-        if report.failed and not self._stopped:
+        """Keep what failed, unless it was only stopped, with all that a stopped fixture serves."""
+        if report.skipped and STOPPED in str(report.longrepr):
+            self._stopped = True
+        if self._stopped:
+            self._slow.append(report.nodeid)
+        elif report.failed:
             self._failed.append(report.nodeid)
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
@@ -115,7 +120,8 @@ class QuickTests:
 
     def pytest_sessionfinish(self) -> None:
         """Tell."""
-        found = {'failed': list(dict.fromkeys(self._failed)), 'slow': self._slow}
+        told = {'failed': self._failed, 'slow': self._slow}
+        found = {word: list(dict.fromkeys(names)) for word, names in told.items()}
         Path(self._limits.told).write_text(json.dumps(found), encoding='utf-8')
 
 

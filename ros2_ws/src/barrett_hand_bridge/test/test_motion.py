@@ -17,7 +17,9 @@ from barrett_hand_bridge.motion import (
     MotionError,
     MotionResult,
     Opening,
+    ToGap,
     TrajectoryPoint,
+    out_of_reach,
     slower_than_hand,
 )
 from barrett_hand_bridge.observer import HandObserver, ObserverSettings
@@ -104,6 +106,65 @@ def test_the_hand_never_gets_a_strain_limit_beyond_the_torque_limit():
 def test_closing_on_nothing_ends_at_the_end_of_travel():
     result = Closing((1,), SETTINGS).step(state(140.0), 0.0)
     assert isinstance(result, MotionResult) and not result.done
+
+
+def pins_apart(gap_m, force=0.0, flags=0):
+    observation = state(40.0, force, flags)
+    fingers = dict(observation.fingers)
+    for finger, side in ((1, -0.5), (2, 0.5)):
+        place = np.array([side * gap_m, 0.0, 0.1])
+        contact = replace(fingers[finger].contact, point=place)
+        fingers[finger] = replace(fingers[finger], contact=contact)
+    return replace(observation, fingers=fingers)
+
+
+def to_gap(gap_m):
+    return ToGap(gap_m, Closing((1, 2), SETTINGS), Opening((1, 2, 3), 0.8))
+
+
+def test_pins_further_apart_than_asked_for_close_until_they_are_not():
+    motion = to_gap(0.040)
+    assert motion.gap_m(pins_apart(0.060)) == pytest.approx(0.060)
+    assert motion.step(pins_apart(0.060), 0.0) == {1: 0.3, 2: 0.3}
+    assert not motion.reached
+    ended = motion.step(pins_apart(0.0398), 1.0)
+    assert ended == MotionResult(True, 'the pins stand 39.8 mm apart')
+    assert motion.reached and not motion.stalled
+
+
+def test_pins_nearer_than_asked_for_open_until_they_are_not():
+    motion = to_gap(0.040)
+    assert motion.step(pins_apart(0.020), 0.0) == {1: -0.8, 2: -0.8, 3: -0.8}
+    ended = motion.step(pins_apart(0.041), 1.0)
+    assert ended == MotionResult(True, 'the pins stand 41.0 mm apart')
+    assert motion.reached and not motion.stalled
+
+
+def test_pins_that_meet_their_force_first_have_stalled():
+    motion = to_gap(0.040)
+    held = pins_apart(0.060, 5.2, FLAG_CONTACT)
+    assert motion.force_n(held) == pytest.approx(5.2)
+    motion.step(held, 0.0)
+    assert motion.step(held, 0.3).done
+    assert motion.stalled and not motion.reached
+
+
+def test_a_gap_is_of_two_fingers_and_no_wider_than_the_hand():
+    with pytest.raises(MotionError, match='gap is -0.001 m'):
+        to_gap(-0.001)
+    with pytest.raises(MotionError, match='other than two fingers'):
+        ToGap(0.04, Closing((1, 2, 3), SETTINGS), Opening((1, 2, 3), 0.8))
+    assert to_gap(0.04).speeds() == {
+        'approach_speed': 0.3, 'squeeze_speed': 0.02, 'open_speed': 0.8,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(('motor', 'highest'), [(1, math.radians(140.0)), (4, math.pi)])
+def test_a_joint_reaches_its_stops_and_not_beyond(motor, highest):
+    for inside in (0.0, -0.005, highest, highest + 0.005):
+        assert out_of_reach(motor, inside) == ''
+    for outside in (-0.1, highest + 0.1, math.nan):
+        assert 'must be 0 to' in out_of_reach(motor, outside)
 
 
 def following(*points, **options):

@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The emulated BH8-262 against the documented protocol, byte by byte."""
 
+import math
+import os
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.running import wait_until
 
+from barrett_hand_bridge.emulator.faults import Fault
 from barrett_hand_bridge.emulator.mechanics import HandBody, HandMechanics
+from barrett_hand_bridge.emulator.pty_port import PtyPort
 from barrett_hand_bridge.emulator.serial_hand import SerialHand
 
 
@@ -236,3 +242,80 @@ def test_no_bytes_crash_the_emulated_hand(data):
     hand.feed(data)
     hand.advance(0.05)
     hand.take()
+
+
+@pytest.fixture
+def line(hand, request):
+    """A pty with a hand behind it that shows a fault when told to: its port and a way to ask."""
+    port = PtyPort(hand, paced=False, real_time=False, faults=[request.param])
+    port.start()
+    client = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
+    os.set_blocking(client, False)
+    heard = bytearray()
+
+    def hears(text):
+        try:
+            heard.extend(os.read(client, 4096))
+        except BlockingIOError:
+            return False
+        return text in heard
+
+    def asked(question, end):
+        heard.clear()
+        os.write(client, question)
+        wait_until(lambda: hears(end))
+        return bytes(heard)
+
+    yield port, asked
+    port.stop()
+    os.close(client)
+
+
+PLAIN = b'PGET SN\n\r77\n\r=> '
+
+
+@pytest.mark.parametrize(
+    ('line', 'answer'),
+    [
+        (Fault('drop', math.inf, 3), b'T SN\n\r77\n\r=> '),
+        (Fault('garble', math.inf, 2), bytes(b ^ 0x5A for b in b'PG') + PLAIN[2:]),
+        (Fault('brown-out', math.inf, 0), None),
+    ],
+    indirect=['line'],
+)
+def test_a_fault_strikes_the_line_when_it_is_told_to_and_not_before(line, answer, capsys):
+    port, asked = line
+    assert asked(b'PGET SN\r', b'=> ') == PLAIN
+    port.faults.strike()
+    if answer is None:
+        assert b'BarrettHand Firmware' in asked(b'', b'=> ')
+    else:
+        wait_until(lambda: 'fault' in capsys.readouterr().err)
+        with port.lock:
+            pass
+        assert asked(b'PGET SN\r', b'=> ') == answer
+
+
+@pytest.mark.parametrize(
+    ('line', 'shown'),
+    [
+        (Fault('hot', math.inf, 0), lambda hand: hand.temperature_c == 70.0),
+        (Fault('loop-error', math.inf, 8), lambda hand: hand.loop_error == 8),
+        (
+            Fault('no-gauge', math.inf, 2),
+            lambda hand: (
+                [hand.mechanics.gauges[k].fitted for k in (1, 2, 3)] == [True, False, True]
+            ),
+        ),
+    ],
+    indirect=['line'],
+)
+def test_a_fault_of_the_hand_itself_is_that_and_no_other(line, shown):
+    port, asked = line
+    asked(b'PGET SN\r', b'=> ')
+    assert not shown(port.hand)
+    port.faults.strike()
+    wait_until(lambda: shown(port.hand))
+    fitted = all(port.hand.mechanics.gauges[finger].fitted for finger in (1, 2, 3))
+    changed = (port.hand.temperature_c == 70.0, bool(port.hand.loop_error), not fitted)
+    assert sum(changed) == 1

@@ -89,6 +89,18 @@ def test_scatter_of_an_emulated_session_is_a_third_of_a_count():
     assert 0.0 < fit.gauge.residual_nm < 0.005
 
 
+def test_the_weights_of_a_session_go_up_in_steps_and_down_again():
+    lines = weighing_table(HandMechanics(HandBody(), 11), 11, readings=1)
+    rows = [list(map(float, line.split(','))) for line in lines[1:]]
+    for finger in (1, 2, 3):
+        masses = np.array([row[1] for row in rows if row[0] == finger])
+        assert masses.max() == 2.4 and masses[0] == 0.0
+        steps = np.diff(masses[: len(masses) // 2 + 1])
+        assert steps == pytest.approx(np.append(np.full(9, 0.25), 0.15))
+        assert (masses == masses[::-1]).all()
+    assert {row[2] for row in rows} == {0.05}
+
+
 def test_clipped_weighings_are_left_out_of_the_fit():
     clipped = weighings(lambda t: min(140 + 120 * t, 255.0))
     fit = fit_gauge(clipped)

@@ -233,6 +233,24 @@ def test_a_broken_description_is_one_sentence(tmp_path: Path, text: str, message
         read_experiment(tmp_path)
 
 
+def test_windows_of_a_description_are_seconds_after_its_start(tmp_path: Path) -> None:
+    (tmp_path / 'experiment.yaml').write_text(
+        'start_ns: 7000000000\n'
+        'scans:\n'
+        '- {scan_stamp_ns: 9000000000, hold: {from_s: 0.5, to_s: 2.25, published_row: 3}}\n'
+        '- {scan_stamp_ns: 8000000000, kind: undeformed}\n'
+        '- {scan_stamp_ns: 9000000000, hold: {}}\n'
+    )
+    described = read_experiment(tmp_path)
+    first, second, third = described.scans
+    assert first.window == (7_500_000_000, 9_250_000_000)
+    assert (first.held, first.published_row) == (True, 3)
+    assert (second.held, second.window, second.published_row) == (False, None, None)
+    # A hold without a time is the start of the recording.
+    assert third.window == (7_000_000_000, 7_000_000_000)
+    assert described.down == (0.0, 0.0, -1.0) and described.mass == 0.0
+
+
 def test_files_are_written_as_a_whole_and_leave_nothing_else(grasp: Path, tmp_path: Path) -> None:
     out = tmp_path / 'out'
     make_report(grasp, out, PipelineOptions(changes=COARSE), Extent(page=True))

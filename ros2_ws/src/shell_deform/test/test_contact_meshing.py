@@ -198,4 +198,10 @@ def test_a_patch_of_few_quadrature_points_is_told():
         )
         assert len(told[-1]) == (min(state.pressed_points) < 10)
     assert 'quadrature points, fewer than 10' in told[0][0]
+    # A hundredth of the forces times the body is what two pushes may be out of line by.
+    allowed = 0.01 * 0.06 * float(np.abs(state.force).sum())
+    for share, count in ((0.8, 0), (1.2, 1)):
+        tilted = replace(state, unbalance=np.array([0, 0, 0, 0, share * allowed, 0]))
+        said = warnings_of(model, tilted, read_out(model, state.positions))
+        assert sum('not in line' in one for one in said) == count
     assert not told[1]

@@ -51,6 +51,19 @@ def random(*shape):
     return np.random.default_rng(sum(shape)).normal(size=shape)
 
 
+def test_a_solution_is_refined_only_while_that_gains(sphere, monkeypatch):
+    _, free, symbolic = sphere
+    bordered = BorderedFactor(factorise(symbolic, shifted(free, 0.1)), random(free.shape[0], 2))
+    monkeypatch.setattr(sys.modules[BorderedFactor.__module__], 'REFINED', 0.0)
+    solved = []
+    once = BorderedFactor._solve_once
+    monkeypatch.setattr(
+        BorderedFactor, '_solve_once', lambda own, *rhs: solved.append(1) or once(own, *rhs)
+    )
+    bordered.solve(random(free.shape[0]), refinements=50)
+    assert len(solved) < 10
+
+
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('shift', [0.1, -0.3])
 def test_a_bordered_system_equals_the_dense_one(sphere, shift, method):

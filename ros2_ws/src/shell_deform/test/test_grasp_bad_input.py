@@ -38,6 +38,10 @@ def measured(
     return told
 
 
+def test_a_weight_pulls_down_unless_it_is_told_where():
+    assert Task().down == (0.0, 0.0, -1.0)
+
+
 @pytest.mark.parametrize(
     ('values', 'why'),
     [

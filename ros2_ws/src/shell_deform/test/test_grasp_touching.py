@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from shell_deform.building import build_model
 from shell_deform.contact.finger_bodies import of_finger, read_finger_bodies
@@ -84,6 +85,16 @@ def test_a_region_that_slips_one_way_keeps_the_push_of_one_without_friction(plat
         regions = slipping_regions(grasp, there)
         assert regions.push == pytest.approx(there.share * grasp.push)
         assert np.array_equal(regions.arm, there.arm)
+
+
+def test_the_loads_of_a_body_are_a_unit_force_and_a_unit_moment_about_its_centre():
+    rng = np.random.default_rng(31)
+    shares, points = rng.dirichlet(np.ones(40)), rng.normal(size=(40, 3)) + [1.0, -2.0, 3.0]
+    centre, loads = body_loads(sp.diags(shares).tocsr(), points)
+    assert centre == pytest.approx(np.average(points, axis=0, weights=shares))
+    forces = loads.reshape(40, 3, 6)
+    moments = np.cross(points[:, None] - centre, forces.transpose(0, 2, 1)).sum(axis=0)
+    assert np.hstack([forces.sum(axis=0).T, moments]) == pytest.approx(np.eye(6), abs=1e-12)
 
 
 @pytest.mark.parametrize(('load', 'share'), [(0, 0.3), (5, 0.02)])

@@ -2,11 +2,13 @@
 """shell_solve as its user meets it."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from shell_deform.commands import shell_solve
+from shell_deform.commands.shell_solve_hold import Held, print_hold
 from shell_deform.objects.loader import shipped_text
 
 # Independent axisymmetric solution, Koiter, E 1 MPa, pin radius 2 mm: mm, N.
@@ -139,6 +141,18 @@ def test_a_hold_relaxes_at_constant_travel_and_says_what_is_beyond_its_law(tmp_p
     told = capsys.readouterr().err.strip()
     assert told.endswith('--hold 1e+300: 301 decades of time; at most 15; hold it for less')
     assert len(told.splitlines()) == 1
+
+
+def test_a_hold_is_printed_a_few_times_a_decade_in_mm_newtons_and_percent(capsys):
+    held = [
+        Held(time, SimpleNamespace(force=np.array([8.0, 6.0]), gas_pressure=0.0), 0.002, 0.05)
+        for time in (0.0, 1.0, 1.1, 4.0, 10.0, 11.0)
+    ]
+    print_hold(held)
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    rows = [list(map(float, row)) for row in rows if row and row[0][0].isdigit()]
+    assert [row[0] for row in rows] == [0.0, 1.0, 4.0, 11.0]
+    assert all(row[1:] == [2.0, 7.0, 5.0] for row in rows)
 
 
 def test_a_hold_of_an_elastic_object_or_a_linear_theory_is_refused(tmp_path, capsys):

@@ -2,8 +2,10 @@
 """Do the tests see? Small changes of the code, sampled by a seed, each run against its tests.
 
 A mutant changes one thing on one line: a comparison, a sign, an operator, a constant, or
-`and`/`or`. It is killed when a test fails that passes without it, survives when all pass, and is
-undecided when one hangs. The tests of a mutant are the quick ones of the files nearest to it:
+`and`/`or`. A constant is doubled; one below `TINY`, which guards a division or says what round-off
+is, becomes one more, as mutmut and cosmic-ray do: twice a guard changes no result. A mutant is
+killed when a test fails that passes without it, survives when all pass, and is undecided when one
+hangs. The tests of a mutant are the quick ones of the files nearest to it:
 those that import its module, then those that import what imports it; of each file those come
 first that name the function it is in. A test that takes longer than `QUICK_S` is stopped, and is
 asked again, with the time of `--slow`, about a mutant that all quick ones let pass; files further
@@ -32,7 +34,7 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from queue import Queue
 
@@ -66,6 +68,9 @@ COMMAND = (
 FIRST_STOPPED = 2
 # What pytest ends with where a conftest cannot be read.
 CANNOT_BEGIN = 4
+TINY = 1e-6
+# What shows a number with so many digits, keeps so many results, or waits so long between looks.
+COSMETIC = ('fixed', 'significant', 'lru_cache', 'sleep')
 # Set where the whole run is to end.
 CUT = threading.Event()
 OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult}
@@ -106,7 +111,7 @@ def _changed(node: ast.AST) -> str | None:
         node.op = ast.Or() if isinstance(node.op, ast.And) else ast.And()
         return 'and / or'
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        node.value = 2 * node.value if node.value else node.value + 1
+        node.value = 2 * node.value if abs(node.value) >= TINY else node.value + 1
         return 'constant'
     return None
 
@@ -118,8 +123,7 @@ def places(path: Path) -> list[int]:
     return [
         index
         for index, node in enumerate(ast.walk(tree))
-        if (getattr(node, 'lineno', 0), getattr(node, 'col_offset', 0)) not in alike
-        and _changed(node) is not None
+        if id(node) not in alike and _changed(node) is not None
     ]
 
 
@@ -139,31 +143,52 @@ def mutant_at(path: Path, index: int) -> Mutant:
     return Mutant(path, line, within, change, ast.unparse(tree))
 
 
-def _inside(parts: list[ast.AST | None]) -> set[tuple[int, int]]:
-    """Where everything inside these parts of a tree stands."""
-    nodes = [node for part in parts if part is not None for node in ast.walk(part)]
-    return {(node.lineno, node.col_offset) for node in nodes if hasattr(node, 'lineno')}
+def _inside(parts: list[ast.AST | None]) -> set[int]:
+    """Everything inside these parts of a tree, by identity."""
+    return {id(node) for part in parts if part is not None for node in ast.walk(part)}
 
 
-def _compiled(tree: ast.AST) -> set[tuple[int, int]]:
+def _compiled(tree: ast.AST) -> set[int]:
     """What is there for a compiler alone."""
     named = [node for node in ast.walk(tree) if isinstance(node, ast.If)]
     return _inside([node for node in named if ast.unparse(node.test) == 'HAVE_NUMBA'])
 
 
-def _alike(tree: ast.AST) -> set[tuple[int, int]]:
-    """Where a change changes nothing: annotations, and the -1 of a reshape, as good as any -2."""
+def _alike(tree: ast.AST) -> set[int]:
+    """Where a change changes nothing that a test of behaviour could be about.
+
+    Annotations; the -1 of a reshape, as good as any -2; how many digits of a number and how much
+    of a text a message shows; what `COSMETIC` names; and the goals of `verification`, which are
+    what figures are held against: with twice the goal it is the check that is weaker.
+    """
     parts: list[ast.AST | None] = []
     for node in ast.walk(tree):
         parts += [getattr(node, 'annotation', None), getattr(node, 'returns', None)]
-        if isinstance(node, ast.Call) and getattr(node.func, 'attr', '') == 'reshape':
-            parts += [a for a in node.args if isinstance(a, ast.UnaryOp)]
+        if isinstance(node, ast.Call):
+            name = getattr(node.func, 'attr', getattr(node.func, 'id', ''))
+            if name == 'reshape':
+                parts += [a for a in node.args if isinstance(a, ast.UnaryOp)]
+            if name in COSMETIC:
+                parts += [a for a in (*node.args, *(k.value for k in node.keywords)) if _plain(a)]
+        if isinstance(node, ast.FormattedValue):
+            parts += [
+                n.slice
+                for n in ast.walk(node)
+                if isinstance(n, ast.Subscript) and isinstance(n.slice, ast.Slice)
+            ]
+        if isinstance(node, ast.Assign) and any('GOAL' in ast.unparse(t) for t in node.targets):
+            parts.append(node.value)
     return _inside(parts)
 
 
 def _names(files: list[Path]) -> list[str]:
     """As pytest takes them, from the root."""
     return [str(file.relative_to(ROOT)) for file in files]
+
+
+def _plain(node: ast.AST) -> bool:
+    """Whether a number is written there."""
+    return isinstance(node, ast.Constant)
 
 
 @cache
@@ -186,7 +211,8 @@ def modules() -> list[Path]:
 
 def dotted(path: Path) -> str:
     """The name under which a file of a package is imported."""
-    parts = path.relative_to(ROOT / SOURCES).with_suffix('').parts[1:]
+    inside = path.is_relative_to(ROOT / SOURCES)
+    parts = path.relative_to(ROOT / SOURCES if inside else ROOT).with_suffix('').parts[inside:]
     return '.'.join(parts[:-1] if parts[-1] == '__init__' else parts)
 
 
@@ -205,8 +231,12 @@ def imported(path: Path, own: str) -> set[str]:
 
 @cache
 def importers() -> dict[str, set[Path]]:
-    """Who imports each module: files of the packages and their tests."""
+    """Who imports each module: files of the packages and their tests, and those of the root."""
     found: dict[str, set[Path]] = {}
+    for folder in ('tests', 'docs', 'bags'):
+        for path in (ROOT / folder).glob('*.py'):
+            for one in imported(path, ''):
+                found.setdefault(one, set()).add(path)
     for path in (ROOT / SOURCES).glob('*/*/**/*.py'):
         inside = path.relative_to(ROOT / SOURCES).parts
         if inside[0] == inside[1]:
@@ -259,10 +289,14 @@ def tests_of(path: Path) -> list[Path]:
     return tests
 
 
-def further(mutant: Mutant, tests: list[Path]) -> list[Path]:
+def further(mutant: Mutant, tests: list[Path]) -> list[str]:
     """Files of tests behind the nearest: first those that name what a mutant is in."""
-    within = set(mutant.within)
-    return sorted(tests[NEAREST:], key=lambda test: not within & words(test))[:FURTHER]
+    return sorted(_names(tests[NEAREST:]), key=partial(_far, mutant))[:FURTHER]
+
+
+def _far(mutant: Mutant, test: str) -> bool:
+    """Whether the file of a test does not name what a mutant is in."""
+    return not set(mutant.within) & words(ROOT / test.partition('::')[0])
 
 
 class Copy:
@@ -294,10 +328,10 @@ class Copy:
         told = self.tests(_names(chosen[:NEAREST]), mutant)
         stopped = told.slow[:FIRST_STOPPED]
         if told.slow and not told.failed and slow_s:
-            told = self.tests(list(told.slow), mutant, slow_s)
+            told = self.tests(sorted(told.slow, key=partial(_far, mutant)), mutant, slow_s)
         others = further(mutant, chosen)
         if others and not told.failed and not told.hangs and slow_s:
-            told = self.tests(_names(others), mutant)
+            told = self.tests(others, mutant)
         if CUT.is_set() or told.failed:
             return Verdict('cut') if CUT.is_set() else Verdict('killed', told.failed)
         return Verdict('undecided' if told.hangs else 'survived', stopped=stopped)

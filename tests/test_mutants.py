@@ -6,9 +6,11 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 from tests import mutants
+from tests.mutants import mutant_at, places
 from tests.processes import living
 
 # A process that starts one in a group of its own, tells its number and waits.
@@ -33,3 +35,25 @@ def test_tests_of_a_run_that_is_cut_end_with_all_that_they_started(
         assert living(child)
         assert not mutants.ended(process, 1000.0)
     assert not living(child)
+
+
+@pytest.mark.parametrize(
+    ('source', 'change'),
+    [
+        ('def f(x):\n    return x < 3\n', ['x >= 3', 'x < 6']),
+        ('y = -x + 1e-09', ['-x - 1e-09', '+x + 1e-09', '-x + 1.000000001']),
+        ('y = a and (not b)', ['a or not b']),
+        ("told = f'{1000.0 * gap:.1f} mm of {name[:40]!r}'", ['1000.0 / gap', '2000.0 * gap']),
+        ('cell = fixed(1000.0 * gap, 4)', ['1000.0 / gap', '2000.0 * gap']),
+        ('x: Array[3] = points.reshape(-1, 4)', ['reshape(-1, 8)']),
+        ('FACE_GOAL = 0.01', []),
+    ],
+)
+def test_what_can_be_seen_is_changed_and_what_is_only_for_show_is_not(
+    tmp_path: Path, source: str, change: list[str]
+) -> None:
+    path = tmp_path / 'one.py'
+    path.write_text(source)
+    texts = [mutant_at(path, index).text for index in places(path)]
+    assert len(texts) == len(change)
+    assert all(any(one in text for text in texts) for one in change)

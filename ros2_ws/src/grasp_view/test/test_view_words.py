@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 from test_view_section import squeezed
 
-from grasp_view.scene_model import SATURATED, Snapshot
+from grasp_view.scene_model import DISPLACEMENT, ENERGY, SATURATED, Snapshot
+from grasp_view.surface_layer import Legend
 from grasp_view.words import (
     Told,
     header_html,
     largest_html,
     largest_text,
+    numbers_html,
+    numbers_of,
     state_html,
     told,
     with_unit,
@@ -78,6 +81,50 @@ def test_the_one_number_has_its_sigma_and_is_never_0_while_a_contact_is_taken_up
     now = told(taking, 0.0, LONG_AGO)
     assert '<b>…</b>' in largest_html(taking, now) and largest_text(taking, now) == ''
     assert 'faded' in largest_html(taking, now)
+
+
+@pytest.mark.parametrize(
+    ('kind', 'faded', 'meaning'),
+    [
+        ('contact', False, 'largest displacement, middle surface'),
+        ('saturated', False, 'largest displacement, at least'),
+        ('stale', True, 'largest displacement of the last answer'),
+        ('fault', True, 'largest displacement of the last answer'),
+        ('taking', True, 'largest displacement until the equilibrium is found'),
+    ],
+)
+def test_the_one_number_says_what_it_is_worth(kind: str, faded: bool, meaning: str) -> None:
+    now = Told('', kind, '')
+    assert f'<p>{meaning}</p>' in largest_html(PRESSED, now)
+    assert ('faded' in largest_html(PRESSED, now)) == faded
+    assert largest_text(PRESSED, now) == '4 mm'
+    nothing = replace(PRESSED, numbers={})
+    assert '<b>–</b>' in largest_html(nothing, now) and largest_text(nothing, now) == ''
+
+
+def test_other_numbers_stand_in_their_units_and_only_what_is_known() -> None:
+    known = {'strain_energy': 0.0125, 'nonlinear_age': 2.5, 'mean_error': np.nan}
+    lines = numbers_of(replace(PRESSED, numbers=known), Legend(DISPLACEMENT, 5.0, 4.0))
+    assert lines['strain energy'] == '12.5 mJ'
+    assert lines['nonlinear answer, age'] == '2.5 s'
+    assert 'scan to surface, mean' not in lines
+    coloured = numbers_of(PRESSED, Legend(ENERGY, 5.0, 3.25))
+    assert coloured[f'largest {ENERGY.name}'] == f'3.25 {ENERGY.unit}'
+    assert '<dt>strain energy</dt> <dd>12.5 mJ</dd>' in numbers_html(lines)
+
+
+@pytest.mark.parametrize(
+    ('value', 'unit', 'text'),
+    [
+        (0.0041, 'm', '4.1 mm'),
+        (0.25, '', '25 %'),
+        (0.999, 's', '999 ms'),
+        (1.0, 's', '1.0 s'),
+        (2e-3, 'J', '2 mJ'),
+    ],
+)
+def test_a_number_is_told_in_the_unit_that_people_read(value: float, unit: str, text: str) -> None:
+    assert with_unit(value, unit) == text
 
 
 class Reader(HTMLParser):

@@ -73,7 +73,15 @@ def test_a_report_opens_offline_and_its_error_map_is_a_scan(
     assert page.count('data:image/png;base64,') == 2
     assert 'http' not in page
     assert read_scan(out / 'error.ply', 'm').points.shape == (POINTS, 3)
-    assert len((out / 'error.csv').read_text().splitlines()) == POINTS + 1
+    points = list(csv.DictReader((out / 'error.csv').read_text().splitlines()))
+    assert len(points) == POINTS
+    assert set(points[0]) == {'x_m', 'y_m', 'z_m', 'distance_m', 'used', 'in_dent'}
+    assert {row['in_dent'] for row in points} == {row['used'] for row in points} | {'0'}
+    written = trimesh.load(out / 'error.ply', process=False)
+    stored = written.metadata['_ply_raw']['vertex']['data']
+    for name, column in (('x', 'x_m'), ('z', 'z_m'), ('distance', 'distance_m')):
+        told = np.array([float(row[column]) for row in points])
+        assert np.ravel(stored[name]) == pytest.approx(told, abs=1e-7)
     assert not list(out.glob('*.part'))
     rows = list(csv.DictReader((out / 'comparison.csv').read_text().splitlines()))
     table = {row['statistic']: row for row in rows}

@@ -14,6 +14,8 @@ bias that is left is that of bending alone. With `--true-contacts` the hand make
 travels and forces of the contacts are the solid's own, and what is left is the theory's alone.
 With `--true-places` travels and forces are what the hand measured, and what comes on top is
 theirs; what then is still missing comes from where the hand believes object and fingers to be.
+`--pins-slide` is the parameter `pins_slide` of the node: fingers that do not rub, as the pins of
+the solids do not.
 
 The recording with a slip is left out, since its truth does not say where the pins hold, and the
 fast squeeze, which is not scanned while it is held.
@@ -103,13 +105,14 @@ class Wall:
 
     Attributes:
         young [Pa], poisson_ratio [-]. compliance: how far a contact goes into the wall without
-            bending it [m/N].
+            bending it [m/N]. pins_slide: whether nothing holds it sideways under a pin.
     """
 
     theory: str = 'koiter'
     young: float | None = None
     poisson_ratio: float | None = None
     compliance: float = 0.0
+    pins_slide: bool = False
 
 
 class Playing:
@@ -125,7 +128,7 @@ class Playing:
         model = build_model(self.shell, wall.theory)
         values = {one.name: one.default for one in PARAMETERS}
         values['tendon_compliance'] = wall.compliance
-        self.live = Rehearsal(model, settings(values))
+        self.live = Rehearsal(model, settings(values), pins_slide=wall.pins_slide)
         self.pins = object_contacts(self.shell, model)
         self._true = true
         self._reached, self._number = 0.0, 0
@@ -292,6 +295,7 @@ def main() -> int:
         '--theory', default=DEFAULT_THEORY, help='of the wall (default %(default)s)'
     )
     parser.add_argument('--poisson-ratio', type=float, help="instead of the object file's")
+    parser.add_argument('--pins-slide', action='store_true', help='fingers do not rub')
     true = parser.add_mutually_exclusive_group()
     true.add_argument(
         '--true-contacts', dest='true', action='store_const', const=CONTACTS, default='',
@@ -313,6 +317,7 @@ def main() -> int:
         options.young_modulus_pa,
         options.poisson_ratio,
         options.compliance_m_per_n,
+        options.pins_slide,
     )
     for name in wanted:
         for one in differences(name, wall, options.true):

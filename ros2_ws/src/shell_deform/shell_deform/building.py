@@ -151,11 +151,15 @@ def model_on_mesh(
 
 
 def object_contacts(
-    shell_object: ShellObject, model: ShellModel, radius: float | None = None
+    shell_object: ShellObject,
+    model: ShellModel,
+    radius: float | None = None,
+    pins_slide: bool = False,
 ) -> tuple[ContactPatch, ...]:
     """Contact patches at the contacts the object declares, of `radius` [m] or their own.
 
-    A pin presses evenly over its radius; pads and fingertips are rigid bodies and keep their own.
+    A pin presses evenly over its radius, and holds what it presses sideways unless `pins_slide`;
+    pads and fingertips are rigid bodies and keep their own.
 
     Raises ObjectError when it declares none, one that is further from the object than its own
     size, or a rigid body that starts inside it.
@@ -173,7 +177,8 @@ def object_contacts(
         except BodyError as error:
             raise ObjectError(f'{shell_object.name}: contact {number + 1}: {error}') from error
         _refuse_misplaced(shell_object, model, number + 1, contact, patch)
-        found.append(patch)
+        slides = patch.slides or (pins_slide and patch.body is None)
+        found.append(replace(patch, slides=slides))
     return tuple(found)
 
 

@@ -67,7 +67,7 @@ def _solve(options: argparse.Namespace) -> None:
     model = build_model(
         shell_object, options.theory, options.vertices, refine_radius=options.pin_radius
     )
-    contacts = object_contacts(shell_object, model, options.pin_radius)
+    contacts = object_contacts(shell_object, model, options.pin_radius, options.pins_slide)
     sweep = grip_sweep(options, shell_object.name, model, contacts)
     solver = EquilibriumSolver(model, NewtonOptions(stability=True))
     try:

@@ -91,6 +91,11 @@ def build_parser() -> argparse.ArgumentParser:
         default=[],
     )
     add(parser, '--pin-radius', type=above_zero)
+    parser.add_argument(
+        '--pins-slide',
+        action='store_true',
+        help='pins do not rub: what they press slides sideways; else it is held there',
+    )
     add(parser, '--young', type=above_zero)
     add(parser, '--poisson', type=poisson)
     add(parser, '--thickness', type=above_zero)

@@ -218,7 +218,7 @@ def holds_still(
         row.reshape(-1)
         for patch, presses in zip(patches, grasp.pressing, strict=True)
         if presses
-        for row in (patch.displacement_row(), *patch.held_rows())
+        for row in (patch.displacement_row(), *(() if patch.slides else patch.held_rows()))
     ]
     held = np.array(rows).reshape(-1, len(modes)).T
     return not free_rigid_modes(modes, held, GRIP_TOLERANCE).shape[1]

@@ -560,6 +560,7 @@ def _build(values: dict[str, Any]) -> Build:
         int(values['background_niceness']),
         bodies=str(values['finger_body']),
         by_cells=_by_cells(values),
+        pins_slide=bool(values['pins_slide']),
     )
 
 

@@ -100,6 +100,12 @@ PARAMETERS: tuple[Parameter, ...] = (
         'NUMBER: BODY; empty: pins',
     ),
     Parameter(
+        'pins_slide',
+        False,
+        'whether fingers without a finger_body do not rub, so that what they press slides freely '
+        'sideways under them; false: it is held there',
+    ),
+    Parameter(
         'load_shape',
         'body',
         'where fingers with a finger_body press: body: where contact with it says; cells: where '
@@ -156,6 +162,11 @@ def validate(values: Mapping[str, Any]) -> None:
             raise ParameterError(
                 f'load_shape is cells, but {without[0]} has no touch cells; take load_shape body, '
                 'or give its cells_m'
+            )
+        if values.get('pins_slide') and values.get('load_shape') != 'cells':
+            raise ParameterError(
+                'pins_slide is for fingers that carry nothing; a finger_body slides by its '
+                'friction: take friction 0'
             )
     elif values.get('load_shape') == 'cells' and 'finger_body' in values:
         raise ParameterError('load_shape is cells: finger_body must name a body with touch cells')

@@ -44,14 +44,16 @@ class ContactRows:
 
     Attributes:
         push: (N, k) nodal forces of unit pushes. measure: (N, k) centre displacements.
-        held: (N, 3 k) two lateral motions and the spin of every patch.
+        held: (N, 3 h) two lateral motions and the spin of the h patches that are held.
         left: (N, r) orthonormal rigid motions that nothing prevents.
+        slides: (k,) which patches are not held.
     """
 
     push: Array
     measure: Array
     held: Array
     left: Array
+    slides: NDArray[np.bool_]
 
     @property
     def contacts(self) -> int:
@@ -60,14 +62,36 @@ class ContactRows:
 
     @property
     def constraints(self) -> Array:
-        """(N, 3 k + r) all constraint columns."""
+        """(N, 3 h + r) all constraint columns."""
         return np.concatenate([self.held, self.left], axis=1)
 
     @property
     def lateral_columns(self) -> NDArray[np.int64]:
-        """Which constraint columns are lateral motions, contact by contact: (2 k,)."""
-        first = HELD_ROWS * np.arange(self.contacts)
+        """Which constraint columns are lateral motions, contact by contact: (2 h,)."""
+        first = np.arange(0, self.held.shape[1], HELD_ROWS)
         return (first[:, None] + np.arange(LATERAL_ROWS)).ravel()
+
+    @property
+    def lateral_inputs(self) -> NDArray[np.int64]:
+        """Which of the 2 k lateral motions of all contacts these are: (2 h,)."""
+        return np.flatnonzero(~np.repeat(self.slides, LATERAL_ROWS))
+
+    def of_patches(self, values: Array) -> Array:
+        """(3 k, ...) for all patches the constraints' `values` (3 h + r, ...); 0 if they slide."""
+        result = np.zeros((HELD_ROWS * self.contacts, *values.shape[1:]))
+        result[~np.repeat(self.slides, HELD_ROWS)] = values[: self.held.shape[1]]
+        return result
+
+    def of_left(self, values: Array) -> Array:
+        """(r, ...) the constraints' `values` (3 h + r, ...) for the rigid motions."""
+        return values[self.held.shape[1] :]
+
+
+def lateral_part(values: Array) -> Array:
+    """(2 k, ...) the lateral rows of `values` (3 k, ...) of all patches."""
+    count = len(values) // HELD_ROWS
+    rows = values.reshape(count, HELD_ROWS, *values.shape[1:])[:, :LATERAL_ROWS]
+    return rows.reshape(LATERAL_ROWS * count, *values.shape[1:])
 
 
 def contact_rows(model: ShellModel, patches: tuple[ContactPatch, ...]) -> ContactRows:
@@ -75,13 +99,18 @@ def contact_rows(model: ShellModel, patches: tuple[ContactPatch, ...]) -> Contac
     size = 3 * len(model.start)
     push = np.zeros((size, len(patches)))
     measure = np.zeros((size, len(patches)))
-    held = np.zeros((size, HELD_ROWS * len(patches)))
+    slides = np.array([patch.slides for patch in patches], dtype=bool)
+    held = np.zeros((size, HELD_ROWS * int(np.sum(~slides))))
+    first = 0
     for i, patch in enumerate(patches):
         push[:, i], measure[:, i] = pin_rows(model, i, patch)
+        if patch.slides:
+            continue
         own = patch.held_rows().reshape(HELD_ROWS, -1).T
-        held[: len(own), HELD_ROWS * i : HELD_ROWS * (i + 1)] = own
+        held[: len(own), first : first + HELD_ROWS] = own
+        first += HELD_ROWS
     left = free_rigid_modes(model.free_modes, held, GRIP_TOLERANCE)
-    return ContactRows(push, measure, held, left)
+    return ContactRows(push, measure, held, left, slides)
 
 
 def shared_solution(matrix: Array, right: Array) -> Array:
@@ -114,10 +143,7 @@ class Condensed:
     @property
     def reaction(self) -> Array:
         """(2 k, j) lateral forces of the fingers on the patches."""
-        rows, inputs = self.held.shape
-        count = rows // HELD_ROWS
-        lateral = self.held.reshape(count, HELD_ROWS, inputs)[:, :LATERAL_ROWS]
-        return -lateral.reshape(LATERAL_ROWS * count, inputs)
+        return -lateral_part(self.held)
 
 
 @dataclass(frozen=True)
@@ -236,16 +262,14 @@ class CondensedSystem:
         return max(0, self.negative_modes - taken)
 
     def condense(self) -> Condensed:
-        """Columns of all inputs."""
+        """Columns of all inputs; what slides answers none of its lateral ones."""
         rows = self.rows
-        count = rows.contacts
+        lateral, left = LATERAL_ROWS * rows.contacts, rows.left.shape[1]
         constraints = rows.constraints.shape[1]
-        prescribed = np.concatenate(
-            [rows.lateral_columns, np.arange(HELD_ROWS * count, constraints)]
-        )
-        below = np.zeros((constraints, len(prescribed)))
-        below[prescribed, np.arange(len(prescribed))] = 1.0
-        fields, multipliers = self.solve(np.zeros((len(self.push_fields), len(prescribed))), below)
+        below = np.zeros((constraints, lateral + left))
+        below[rows.lateral_columns, rows.lateral_inputs] = 1.0
+        below[np.arange(constraints - left, constraints), lateral + np.arange(left)] = 1.0
+        fields, multipliers = self.solve(np.zeros((len(self.push_fields), lateral + left)), below)
         fields = np.concatenate([self.push_fields, fields, self._modulus_field], axis=1)
         multipliers = np.concatenate(
             [self.push_multipliers, multipliers, self._modulus_multipliers], axis=1
@@ -253,8 +277,8 @@ class CondensedSystem:
         return Condensed(
             fields=fields,
             displacement=rows.measure.T @ fields,
-            held=multipliers[: HELD_ROWS * count],
-            rigid_reaction=-multipliers[HELD_ROWS * count :],
+            held=rows.of_patches(multipliers),
+            rigid_reaction=-rows.of_left(multipliers),
         )
 
     def grip_columns(self, model: ShellModel) -> GripColumns:
@@ -266,6 +290,6 @@ class CondensedSystem:
         return GripColumns(
             fields=fields,
             displacement=rows.measure.T @ fields,
-            reaction=-multipliers[rows.lateral_columns],
-            rigid_reaction=-multipliers[HELD_ROWS * rows.contacts :],
+            reaction=-lateral_part(rows.of_patches(multipliers)),
+            rigid_reaction=-rows.of_left(multipliers),
         )

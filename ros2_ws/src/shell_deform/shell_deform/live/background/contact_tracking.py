@@ -149,9 +149,15 @@ class HeldContact:
 class ContactTracker:
     """The patches of one shell, by finger."""
 
-    def __init__(self, model: ShellModel, unloaded: Array, at_rest: bool = False) -> None:
-        """`unloaded`: control points (n, 3) [m] where first contacts are laid; all `at_rest`."""
+    def __init__(
+        self, model: ShellModel, unloaded: Array, at_rest: bool = False, slides: bool = False
+    ) -> None:
+        """`unloaded`: control points (n, 3) [m] where first contacts are laid; all `at_rest`.
+
+        `slides`: whether nothing holds them sideways.
+        """
         self.model = model
+        self._slides = slides
         self._unloaded = unloaded
         self.contacts: tuple[HeldContact, ...] = ()
         self.laid: frozenset[int] = frozenset()
@@ -239,6 +245,7 @@ class ContactTracker:
         axis = touch.normal if touch.normal @ inward > STEEPEST else inward
         place = found.triangle, found.parameters
         patch = contact_patch(surface, material.position[0], touch.radius, axis, place=place)
+        patch = replace(patch, slides=self._slides)
         if touch.shape is not None:
             frame = at, frame_of(touch.normal, touch.along)
             patch = shaped_by_cells(patch, surface, positions, frame, touch.shape)

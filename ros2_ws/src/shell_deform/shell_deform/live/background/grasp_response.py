@@ -75,7 +75,7 @@ class GraspResponse:
         count = len(patches)
         positions = tracker.positions
         centre, loads = body_loads(self._mass, positions)
-        held = state.multipliers[: HELD_ROWS * count]
+        held = tracker.system().rows.of_patches(state.multipliers)
         grasp = held_contacts(patches, *feet.at(positions), state.force, held, 1.0)
         if holds_still(tracker.model, patches, grasp):
             answer = standing(tracker.system(), condensed, centre, loads)
@@ -119,8 +119,8 @@ def standing(system: CondensedSystem, condensed: Condensed, centre: Array, loads
     motion, border = system.solve(padded, np.zeros((constraints, loads.shape[1])))
     free = [*range(k), *range(3 * k, 3 * k + r)]
     by = np.concatenate([condensed.displacement, condensed.rigid_reaction])[:, free]
-    there = np.concatenate([rows.measure.T @ motion, -border[HELD_ROWS * k :]])
+    there = np.concatenate([rows.measure.T @ motion, -rows.of_left(border)])
     given = shared_solution(by, -there)
     motion = motion + condensed.fields[:, free] @ given
-    held = border[: HELD_ROWS * k] + condensed.held[:, free] @ given
+    held = rows.of_patches(border) + condensed.held[:, free] @ given
     return Answer(centre, loads, motion[: len(loads)], given[:k], held.reshape(k, HELD_ROWS, -1))

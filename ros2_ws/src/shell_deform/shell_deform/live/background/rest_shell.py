@@ -39,6 +39,7 @@ class RestShell:
         tangent, factor: there.
         curl: second order of a contact's displacement over the square of its first [1/m], the
             largest of several places: by how much linear theory is off at a new one.
+        pins_slide: whether nothing holds contacts sideways.
     """
 
     model: ShellModel
@@ -46,6 +47,7 @@ class RestShell:
     tangent: Tangent
     factor: SprungFactor
     curl: float
+    pins_slide: bool = False
 
 
 def largest_curl(

@@ -18,7 +18,13 @@ from shell_deform.grasp.contacts import UNIFORM_ARM
 from shell_deform.grasp.reading import outer_feet
 from shell_deform.live.background.answer import Answer, write
 from shell_deform.live.background.carried import carried
-from shell_deform.live.background.condensed import HELD_ROWS, Condensed, ContactRows, contact_rows
+from shell_deform.live.background.condensed import (
+    HELD_ROWS,
+    Condensed,
+    ContactRows,
+    contact_rows,
+    lateral_part,
+)
 from shell_deform.live.background.contact_tracking import ContactTracker, HeldContact, Touch
 from shell_deform.live.background.energy_density import EnergyDensity
 from shell_deform.live.background.grasp_response import GraspResponse
@@ -76,10 +82,14 @@ class Held:
 class LiveSolver:
     """One shell under changing load cases; after each, a result slot can be filled."""
 
-    def __init__(self, model: ShellModel, options: TrackingOptions | None = None) -> None:
+    def __init__(
+        self, model: ShellModel, options: TrackingOptions | None = None, pins_slide: bool = False
+    ) -> None:
+        """`pins_slide`: whether fingers do not rub, so that nothing holds a patch sideways."""
         self.model = model
+        self.pins_slide = pins_slide
         self.tracker = EquilibriumTracker(model, options or LIVE)
-        self.contacts = ContactTracker(model, model.rest)
+        self.contacts = ContactTracker(model, model.rest, slides=pins_slide)
         self.gripping = Gripping(self.tracker) if model.grips else None
         self._wall = float(model.shell.thickness.mean())
         self._energy_density = EnergyDensity(model)
@@ -117,7 +127,7 @@ class LiveSolver:
         # The given control points themselves, where nothing inflates them: searches know these.
         self.unloaded = model.rest if np.array_equal(unloaded, model.rest) else unloaded
         self._unloaded = self.unloaded
-        self.contacts = ContactTracker(model, self.unloaded)
+        self.contacts = ContactTracker(model, self.unloaded, slides=pins_slide)
         self._unloaded_state = self.tracker.state
         self.unloaded_surface = model.surface.limit_positions(self.unloaded)
         self.unloaded_normals = model.surface.vertex_normals(self.unloaded)
@@ -267,7 +277,7 @@ class LiveSolver:
         tangent, factor = self.tracker.rest_tangent(self.unloaded)
         if not curl:
             curl = largest_curl(self.model, self.unloaded, tangent, factor, self.tracker.beat)
-        return RestShell(self.model, self.unloaded, tangent, factor, curl)
+        return RestShell(self.model, self.unloaded, tangent, factor, curl, self.pins_slide)
 
     def _let_go(self) -> None:
         """No contacts, and the unloaded state."""
@@ -390,8 +400,8 @@ class LiveSolver:
                 'rigid': present.rigid,
                 'touch_point': point,
                 'touch_normal': normal,
-                'reaction': -tracker.state.multipliers[rows.lateral_columns],
-                'rigid_reaction': -tracker.state.multipliers[HELD_ROWS * k :],
+                'reaction': -lateral_part(rows.of_patches(tracker.state.multipliers)),
+                'rigid_reaction': -rows.of_left(tracker.state.multipliers),
                 'spin': self._spins(),
                 'arm': [UNIFORM_ARM * c.patch.radius for c in contacts],
                 'carried': self._carried(surface).numbers,
@@ -431,7 +441,7 @@ class LiveSolver:
     def _spins(self) -> Array:
         """(k,) torques [N m] of the fingers about their axes."""
         patches = self.contacts.patches
-        held = self.tracker.state.multipliers[: HELD_ROWS * len(patches)].reshape(-1, HELD_ROWS)
+        held = self._rows().of_patches(self.tracker.state.multipliers).reshape(-1, HELD_ROWS)
         return np.array(
             [-patch.radius * one[-1] for patch, one in zip(patches, held, strict=True)]
         )
@@ -529,7 +539,7 @@ class LiveSolver:
         rigid = self._rigid_anchor
         if same and load.drive != DRIVE_FORCE and len(rigid):
             rigid = load.rigid[: len(rigid)]
-        held = [contact.held for contact in contacts]
+        held = [contact.held for contact in contacts if not contact.patch.slides]
         return Target(
             force,
             displacement,
@@ -543,7 +553,7 @@ class LiveSolver:
         """Values of the condensed inputs at the present state."""
         rows = self._rows()
         present = self.tracker.present(np.zeros(rows.contacts, bool))
-        lateral = (rows.held.T @ self.tracker.state.moved)[rows.lateral_columns]
+        lateral = lateral_part(rows.of_patches(rows.held.T @ self.tracker.state.moved))
         return np.concatenate([present.force, lateral, present.rigid, [0.0]])
 
     def _bend_from_rest(self, small: SmallLoads) -> None:

@@ -54,7 +54,7 @@ def build(options: dict[str, object]) -> Solver:
             'koiter'
         )
     if not bodies.files or options.get('by_cells'):
-        return LiveSolver(model)
+        return LiveSolver(model, pins_slide=bool(options.get('pins_slide')))
     return FingertipSolver(model, bodies.loaded())
 
 

@@ -53,7 +53,7 @@ class Build:
     `refine_at`: places of the object where the mesh is graded, instead of the object file's own,
     for contacts of `refine_radius` [m]. `curl`: of the shell, where it was measured before.
     `bodies`: what the fingers carry, see `finger_bodies`; `by_cells`: their touch cells, not
-    contact, say where they press.
+    contact, say where they press. `pins_slide`: whether fingers without a body do not rub.
     """
 
     object_name: str
@@ -65,6 +65,7 @@ class Build:
     curl: float = 0.0
     bodies: str = ''
     by_cells: bool = False
+    pins_slide: bool = False
 
 
 class WorkerProcess:
@@ -121,6 +122,7 @@ class WorkerProcess:
             'curl': build.curl,
             'bodies': build.bodies,
             'by_cells': build.by_cells,
+            'pins_slide': build.pins_slide,
             'beside': beside,
         }
         # One that died already is found dead, and replaced, by whoever looks after it.

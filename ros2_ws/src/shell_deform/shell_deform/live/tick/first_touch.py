@@ -27,7 +27,9 @@ class FirstTouch:
 
     def __init__(self, shell: RestShell) -> None:
         self._shell = shell
-        self._contacts = ContactTracker(shell.model, shell.control, at_rest=True)
+        self._contacts = ContactTracker(
+            shell.model, shell.control, at_rest=True, slides=shell.pins_slide
+        )
         self._answer: AtRest | None = None
         # The first search on a surface lays its tables.
         shell.model.surface.closest_point(shell.model.rest, shell.model.rest[:1])

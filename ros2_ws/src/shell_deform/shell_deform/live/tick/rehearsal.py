@@ -30,10 +30,11 @@ class Rehearsal:
         model: ShellModel,
         settings: Settings | None = None,
         bodies: Mapping[int, FingerBody] | None = None,
+        pins_slide: bool = False,
     ) -> None:
-        """`bodies`: what fingers carry, see `FingertipSolver`; None for pins."""
+        """`bodies`: what fingers carry, see `FingertipSolver`; None for pins, see `LiveSolver`."""
         self.solver: LiveSolver | FingertipSolver = (
-            FingertipSolver(model, bodies) if bodies else LiveSolver(model)
+            FingertipSolver(model, bodies) if bodies else LiveSolver(model, pins_slide=pins_slide)
         )
         self.solver.warm_up()
         self.memory, _ = share(self.solver)

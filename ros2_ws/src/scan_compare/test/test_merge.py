@@ -37,7 +37,7 @@ def test_one_view_stays_as_it_is() -> None:
 
 def test_a_view_that_overlaps_no_other_is_named() -> None:
     far = Scan(scan_points(BODY, 5_000) + 1.0, None, 'm', False, 'far view')
-    with pytest.raises(MergeError, match='only 0 points'):
+    with pytest.raises(MergeError, match='only 0 points of this view lie within 2 mm of another'):
         merge([view(1, (1, 0, 0)), far])
 
 

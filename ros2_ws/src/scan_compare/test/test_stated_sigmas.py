@@ -282,7 +282,7 @@ def test_three_sigma_and_half_of_the_scan_are_what_a_fit_must_reach(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert judged(monkeypatch, 2.9, 0.51).doubts == ()
-    assert 'rms 0.31 mm' in judged(monkeypatch, 3.1, 0.51).doubts[0]
+    assert 'rms 0.31 mm at a scanner sigma of 0.100 mm' in judged(monkeypatch, 3.1, 0.51).doubts[0]
     assert 'only 49 %' in judged(monkeypatch, 2.9, 0.49).doubts[0]
     assert judged(monkeypatch, 1.0, 0.7).explained == pytest.approx(0.7)
 

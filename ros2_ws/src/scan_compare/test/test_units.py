@@ -48,8 +48,14 @@ def test_millimetres_declared_as_inches_are_detected_by_the_factor() -> None:
 
 
 def test_a_size_that_fits_no_unit_is_refused() -> None:
-    with pytest.raises(UnitError, match='no unit makes'):
+    told = r'fit the object of 65 mm \(.*700 mm as mm.*1\.778e\+04 mm as inch'
+    with pytest.raises(UnitError, match=told):
         choose_unit(700.0, None, BALL)
+
+
+def test_an_inferred_unit_is_told_with_both_sizes_in_millimetres() -> None:
+    told = choose_unit(2.5, None, BALL).explanation
+    assert told == 'unit inferred: inch (extent 2.5 inch = 63.5 mm, object 65 mm)'
 
 
 def test_without_unit_and_object_the_unit_is_asked_for() -> None:

@@ -71,7 +71,8 @@ def test_a_pin_narrower_than_the_wall_says_so():
     narrow = next(one for one in SOLIDS if one['pin_radius_m'] == 0.625e-3)
     ((error, unresolved),) = _told(narrow, (1,), refine_radius=narrow['pin_radius_m'])
     assert abs(error) > 0.05
-    assert 'too narrow for a wall' in unresolved
+    wall = 1e3 * narrow['middle_radius_m'] / narrow['radius_over_thickness']
+    assert f'a pin of 0.62 mm is too narrow for a wall of {wall:.2g} mm' in unresolved
 
 
 @pytest.mark.soak

@@ -15,8 +15,11 @@ from shell_deform.live.background.shear_dent import ShearDent
 from shell_deform.live.background.tracked_state import Target
 from shell_deform.live.background.tracking import EquilibriumTracker
 from shell_deform.live.pose import Pose, rotation_of
+from shell_deform.live.tick.estimator import Settings
 from shell_deform.live.tick.fusion import ErrorModel
+from shell_deform.live.tick.grasp import GraspTask
 from shell_deform.live.tick.sample import FLAG_CONTACT
+from shell_deform.node.parameters import PARAMETERS, grasp_task, settings
 from shell_deform.objects import load_object
 from shell_deform.theory.gas import Gas
 
@@ -59,6 +62,16 @@ def squeeze(force, depth, **options):
 def error(packed, surface):
     """Largest distance [m] of served positions from a surface."""
     return float(np.linalg.norm(packed[:, :3] - surface, axis=1).max())
+
+
+def test_what_the_node_is_told_by_default_is_what_the_estimator_takes_without_it():
+    told = {one.name: one.default for one in PARAMETERS}
+    assert grasp_task(told) == GraspTask()
+    found = settings(told)
+    # A quantum of zero is asked of the hand.
+    assert found.errors.quantum == 0.0
+    errors = replace(found.errors, quantum=ErrorModel().quantum)
+    assert replace(found, errors=errors) == Settings()
 
 
 @pytest.mark.parametrize('drive', ['force', 'motion', 'fused'])

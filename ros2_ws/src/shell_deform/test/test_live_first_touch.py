@@ -12,7 +12,7 @@ from live_hand import SURE
 
 from shell_deform.live.background.rest_shell import packed, unpacked
 from shell_deform.live.pose import Pose, rotation_of
-from shell_deform.live.tick.first_touch import FirstTouch
+from shell_deform.live.tick.first_touch import FirstTouch, bent
 from shell_deform.live.tick.fusion import ErrorModel
 from shell_deform.live.tick.linearity import linear_error, softened_depth
 from shell_deform.solve.equilibrium import forced
@@ -39,6 +39,14 @@ def grip(direction, force, travel=None, **options):
     return live_hand.sample(
         points, -points / OUTER, [force, force], travel, radius=3e-3, **options
     )
+
+
+def test_bending_is_the_curl_times_the_square_of_what_the_forces_move():
+    rng = np.random.default_rng(3)
+    compliance, force = rng.normal(size=(4, 4)), rng.normal(size=4)
+    first, second = np.triu_indices(4)
+    found = bent(compliance, 0.7) @ (force[first] * force[second])
+    assert found == pytest.approx(0.7 * (compliance @ force) ** 2)
 
 
 def truth(model, direction, force):

@@ -20,6 +20,7 @@ from barrett_hand_bridge.emulator.strain_gauge import (
     StrainGauge,
     character_8_bit,
     character_12_bit,
+    invert_published_torque,
     published_torque,
 )
 from barrett_hand_bridge.grasp import opposed_grasp
@@ -146,6 +147,15 @@ def test_the_12_bit_gauge_follows_the_published_cubic():
     gauge = quiet_gauge(character_12_bit)
     gauge.step(0.0, 0.01)
     assert 1800 <= gauge.counts <= 2050
+
+
+@pytest.mark.parametrize(
+    ('counts', 'torque'),
+    [(667, -1.018), (1000, -0.519), (2000, 0.049), (2048, 0.060), (3000, 0.506), (3460, 1.133)],
+)
+def test_the_published_cubic_has_its_published_values(counts, torque):
+    assert published_torque(counts) == pytest.approx(torque, abs=6e-4)
+    assert invert_published_torque(published_torque(counts)) == pytest.approx(counts, abs=1e-6)
 
 
 def test_drift_is_a_few_counts_in_half_an_hour():

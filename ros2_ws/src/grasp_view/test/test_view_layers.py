@@ -181,8 +181,16 @@ def test_lines_of_equal_displacement_stand_a_tenth_of_the_scale_apart() -> None:
     layer.draw(Snapshot(mesh=MESH, served=dented(0.004)), OPTIONS, [])
     assert layer.legend is not None
     assert layer.legend.line_step_m == pytest.approx(0.1 * 1e-3 * layer.legend.top)
-    assert 'bold every' in layer.legend.note and 'grey' not in layer.legend.note
+    step = 1e3 * layer.legend.line_step_m
+    assert f'every {step:g} mm, bold every {5 * step:g} mm' in layer.legend.note
+    assert 'grey' not in layer.legend.note
     assert '/depth/ink_thin' in paper.scene.seen
+    # Levels 5 of 8 or so: the one bold line lies where the surface has moved by five steps.
+    (bold,) = [name for name in paper.scene.seen if name.endswith('_bold')]
+    there = paper.scene.things[bold].points.reshape(-1, 3) / SCALE
+    moved = RADIUS * np.linalg.norm(there, axis=1).min() * 0.0 + 5e-3 * step
+    height = (moved / 0.004) ** (1.0 / 8.0)
+    assert there[:, 0] == pytest.approx(RADIUS * height - moved, abs=6e-4)
     lines = paper.scene.things['/depth/ink_thin'].points.reshape(-1, 3) / SCALE
     assert (lines[:, 0] > 0.0).all()
     layer.draw(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from view_paper import Paper, server, visitor
 
-from grasp_view.plot_panel import SERIES, PlotPanel, marked, plottable
+from grasp_view.plot_panel import PLOTS, SERIES, Plot, PlotPanel, marked, plottable
 from grasp_view.replay_panel import HELD_S, ReplayPanel, ReplayState
 from grasp_view.time_series import TimeSeries
 from grasp_view.visitors import Window
@@ -43,6 +43,13 @@ def test_a_diagram_shows_its_series_in_its_unit_over_the_seconds_before_now() ->
         time_s, column, *_ = handles[label].data  # type: ignore[attr-defined]
         assert (time_s[0], column[0]) == pytest.approx((-1.0, values[0]))
         assert (time_s[-1], column[-1]) == pytest.approx((0.0, values[1]))
+
+
+@pytest.mark.parametrize('plot', PLOTS)
+def test_the_title_of_a_diagram_says_the_unit_that_it_draws(plot: Plot) -> None:
+    unit = plot.title.partition('(')[2].rstrip(')')
+    assert plot.factor == {'N': 1.0, 'mm': 1e3, '%': 1e2, 'ms': 1e3}[unit]
+    assert plot.si == {'N': '_n', 'mm': '_m', '%': '', 'ms': '_s'}[unit]
 
 
 def test_the_line_of_the_picture_stands_at_its_time_and_the_series_stay() -> None:

@@ -9,12 +9,38 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shell_deform.contact.contact_field import Memory
+from shell_deform.contact.depth_of_force import depth_of_force
 from shell_deform.contact.outer_face import POINTS_PER_TRIANGLE
 from shell_deform.contact.region import PARTS, pressed_areas
 from shell_deform.surface.quadrature import triangle_rule
 
 CELLS, EDGE = 10, 1e-3
 ENDS = 4
+
+
+@pytest.mark.parametrize('start', [-0.02, 0.0, 0.03])
+@pytest.mark.parametrize('power', [1.0, 1.5])
+def test_the_depth_of_a_force_is_that_of_its_law_in_few_looks(start, power):
+    """A spring and Hertz's law, which push from a depth of 2 mm on, at 5 N."""
+    looks = []
+
+    def excess(depth):
+        looks.append(depth)
+        pressed = max(depth - 2e-3, 0.0)
+        rate = 3e4 * power * pressed ** (power - 1.0) if pressed else 0.0
+        return 3e4 * pressed**power - 5.0, rate
+
+    found = depth_of_force(excess, start, 5.0, 0.06)
+    assert found == pytest.approx(2e-3 + (5.0 / 3e4) ** (1.0 / power), rel=1e-9)
+    assert len(looks) < 60
+    # What is looked at lies no further away than the bounds had to be widened.
+    assert np.ptp([*looks, start]) < 4.0 * (abs(start - found) + 1e-3 * 0.06)
+
+
+def test_a_force_that_no_depth_gives_ends_within_four_sizes():
+    looks = []
+    depth_of_force(lambda depth: (looks.append(depth) or -5.0, 0.0), 0.01, 5.0, 0.06)
+    assert 4.0 * 0.06 <= max(looks) - 0.01 <= 8.1 * 0.06
 
 
 def flat_face():

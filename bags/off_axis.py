@@ -3,7 +3,8 @@
 
 `python -m bags.off_axis` drives Koiter's and the thick wall to the travel of the solid's rigid
 pins, with the solid's own modulus and Poisson's ratio and nothing fitted, and prints force and
-outer face; `--solve` makes the solids of cup and can under rigid pins anew (needs ccx).
+outer face; `--solve` makes the solids of cup and can under rigid pins anew, and that of the ball
+with four elements through its wall (needs ccx).
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bags import solid_can, solid_cup, solid_shell
+from bags import solid_can, solid_cup, solid_shell, solid_three_fingers
+from bags.axisymmetric import Ball
 from bags.live_bias import BAGS, DENT, along_normals
 from bags.surfaces import ShellTruth
 from shell_deform.building import build_model, object_contacts, with_material
@@ -26,6 +28,7 @@ from shell_deform.solve.newton import EquilibriumSolver
 Array = NDArray[np.float64]
 
 THEORIES = ('koiter', 'thick')
+BALL_FORCES = (4.0, 8.5, 11.5, 13.0, 14.5, 16.0)
 CUP_FORCES = (0.25, 1.0, 2.0, 4.0, 6.0)
 CAN_FORCES = (0.1, 0.3, 0.5, 0.756197674594285)
 
@@ -33,6 +36,7 @@ CAN_FORCES = (0.1, 0.3, 0.5, 0.756197674594285)
 # The kept solids and the objects of their shells.
 SOLIDS = {
     'ball_three_finger': str(BAGS / 'tennis_ball_three_finger' / 'object.yaml'),
+    'ball_three_finger_layered': str(BAGS / 'tennis_ball_three_finger' / 'object.yaml'),
     'off_axis_cup_rigid': str(BAGS / 'cup_off_axis' / 'object.yaml'),
     'half_soda_can_rigid': 'half_soda_can',
 }
@@ -65,16 +69,14 @@ def beside(name: str, theory: str) -> Iterator[Beside]:
     shell = with_material(
         load_object(SOLIDS[name]), told['young_modulus_pa'], told['poisson_ratio']
     )
-    supported = bool(shell.supports)
     model = build_model(shell, theory, refine_radius=radius)
-    pins = object_contacts(shell, model, radius)
+    pins = object_contacts(shell, model, radius, pins_slide=bool(shell.supports))
     solver = EquilibriumSolver(model)
     state = solver.rest()
     for level, push in zip(told['levels'], truth.forces[1:].tolist(), strict=True):
         kind = 'outer' if theory == 'thick' else 'middle'
         travel = level[f'{kind}_displacement_m'][0]
-        case = replace(displaced(pins, [travel] * len(pins)), held=not supported)
-        state = solver.solve(case, state)
+        state = solver.solve(displaced(pins, [travel] * len(pins)), state)
         if not state.converged:
             raise SystemExit(f'{name}, {theory}, {1e3 * travel:.2f} mm: {state.message}')
         used = solver.model
@@ -92,7 +94,16 @@ def beside(name: str, theory: str) -> Iterator[Beside]:
 
 
 def solve() -> None:
-    """Cup and can with their pins as rigid stamps, which move together and slide sideways."""
+    """The ball in layers; cup and can with pins as rigid stamps, which slide sideways."""
+    coarse = ShellTruth('ball_three_finger').data
+    ball = Ball(
+        young_modulus=1e-6 * coarse['young_modulus_pa'], poisson_ratio=coarse['poisson_ratio']
+    )
+    gas = [1e-6 * level['gas_gauge_pressure_pa'] for level in coarse['levels']]
+    guess = np.interp(BALL_FORCES, [level['force_n'] for level in coarse['levels']], gas)
+    solid_three_fingers.layered_ball(
+        ball, 'ball_three_finger_layered', np.array(BALL_FORCES), guess
+    )
     for model, forces, name in (
         (solid_can.model(solid_can.HalfCan()), CAN_FORCES, 'half_soda_can_rigid'),
         (solid_cup.model(solid_cup.Cup()), CUP_FORCES, 'off_axis_cup_rigid'),

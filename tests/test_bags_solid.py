@@ -40,7 +40,7 @@ def test_the_recorded_ball_gives_the_first_published_displacement() -> None:
 
 
 def test_the_sealed_air_of_the_ball_obeys_the_isothermal_law() -> None:
-    for name in ('ball_two_finger', 'ball_three_finger'):
+    for name in ('ball_two_finger', 'ball_three_finger', 'ball_three_finger_layered'):
         for level in kept(name)['levels']:
             absolute = 101325.0 + level['gas_gauge_pressure_pa']
             assert absolute * level['volume_ratio'] == pytest.approx(101325.0, rel=1e-4)

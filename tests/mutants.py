@@ -5,11 +5,11 @@ A mutant changes one thing on one line: a comparison, a sign, an operator, a con
 `and`/`or`. A constant is doubled; one below `TINY`, which guards a division or says what round-off
 is, becomes one more, as mutmut and cosmic-ray do: twice a guard changes no result. A mutant is
 killed when a test fails that passes without it, survives when all pass, and is undecided when one
-hangs. The tests of a mutant are the quick ones of the files nearest to it:
-those that import its module, then those that import what imports it; of each file those come
-first that name the function it is in. A test that takes longer than `QUICK_S` is stopped, and is
+hangs. The tests of a mutant are the quick ones of the files nearest to it: those that import its
+module, then those that import what imports it; of each file those come first that name what it is
+in, or what leads there in its file. A test that takes longer than `QUICK_S` is stopped, and is
 asked again, with the time of `--slow`, about a mutant that all quick ones let pass; files further
-away come last, those first that name the function. Compiled kernels are reached through their
+away come last, those first that name most of that. Compiled kernels are reached through their
 plain twins, so a mutant costs no compilation; everything else runs with the kernels as they are
 compiled. Works in copies: the checkout is never changed. A run that is interrupted or asked to end
 tells what it has found so far and leaves no process.
@@ -37,6 +37,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from queue import Queue
+from typing import Any
 
 from tests.patience import Patience
 from tests.processes import descendants
@@ -78,7 +79,7 @@ OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast
 
 @dataclass(frozen=True)
 class Mutant:
-    """One changed file: where, in which function, what was there and the whole new text."""
+    """One changed file: where, what it is in or leads there, what was changed, the new text."""
 
     path: Path
     line: int
@@ -134,13 +135,30 @@ def mutant_at(path: Path, index: int) -> Mutant:
     change = _changed(node)
     assert change is not None
     line = getattr(node, 'lineno', 0)
-    within = tuple(
-        one.name
-        for one in ast.walk(tree)
-        if isinstance(one, ast.FunctionDef | ast.ClassDef)
-        and one.lineno <= line <= (one.end_lineno or line)
-    )
-    return Mutant(path, line, within, change, ast.unparse(tree))
+    defined = [(name, node) for node in ast.walk(tree) for name in _names_of(node)]
+    within = {name for name, node in defined if node.lineno <= line <= (node.end_lineno or line)}
+    return Mutant(path, line, _leading(defined, within), change, ast.unparse(tree))
+
+
+def _names_of(node: ast.AST) -> list[str]:
+    """What a node defines: a function, a class, values."""
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        return [node.name]
+    targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, 'target', None)]
+    return [t.id for t in targets if isinstance(t, ast.Name) and t.id.isupper()]
+
+
+def _leading(defined: list[tuple[str, Any]], to: set[str]) -> tuple[str, ...]:
+    """These names of a file and those of it that use one of them, or one that does."""
+    used = [
+        (name, {getattr(n, 'id', getattr(n, 'attr', '')) for n in ast.walk(node)})
+        for name, node in defined
+        if not name.startswith('__')
+    ]
+    found = {name for name in to if not name.startswith('__')}
+    while more := {name for name, names in used if names & found} - found:
+        found |= more
+    return tuple(sorted(found))
 
 
 def _inside(parts: list[ast.AST | None]) -> set[int]:
@@ -294,9 +312,9 @@ def further(mutant: Mutant, tests: list[Path]) -> list[str]:
     return sorted(_names(tests[NEAREST:]), key=partial(_far, mutant))[:FURTHER]
 
 
-def _far(mutant: Mutant, test: str) -> bool:
-    """Whether the file of a test does not name what a mutant is in."""
-    return not set(mutant.within) & words(ROOT / test.partition('::')[0])
+def _far(mutant: Mutant, test: str) -> int:
+    """Less, the more of what leads to a mutant is named in the file of a test."""
+    return -len(set(mutant.within) & words(ROOT / test.partition('::')[0]))
 
 
 class Copy:

@@ -12,6 +12,7 @@ import pytest
 from tests import mutants
 from tests.mutants import mutant_at, places
 from tests.processes import living
+from tests.running import wait_until
 
 # A process that starts one in a group of its own, tells its number and waits.
 PARENT = """
@@ -34,7 +35,7 @@ def test_tests_of_a_run_that_is_cut_end_with_all_that_they_started(
         child = int(process.stdout.readline())
         assert living(child)
         assert not mutants.ended(process, 1000.0)
-    assert not living(child)
+    wait_until(lambda: not living(child))
 
 
 @pytest.mark.parametrize(
@@ -57,3 +58,19 @@ def test_what_can_be_seen_is_changed_and_what_is_only_for_show_is_not(
     texts = [mutant_at(path, index).text for index in places(path)]
     assert len(texts) == len(change)
     assert all(any(one in text for text in texts) for one in change)
+
+
+def test_a_mutant_knows_the_functions_of_its_file_that_lead_to_it(tmp_path: Path) -> None:
+    path = tmp_path / 'one.py'
+    path.write_text(
+        'MORE = 3\n\n'
+        'def _deep(x):\n    return x - MORE\n\n'
+        'def _middle(x):\n    return _deep(x)\n\n'
+        'def shown(x):\n    return _middle(x)\n\n'
+        'def other(x):\n    return x\n'
+    )
+    found = [mutant_at(path, index).within for index in places(path)]
+    assert sorted(found, key=len) == [
+        ('_deep', '_middle', 'shown'),
+        ('MORE', '_deep', '_middle', 'shown'),
+    ]

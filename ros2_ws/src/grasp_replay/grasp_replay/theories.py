@@ -108,9 +108,24 @@ class TheorySet:
         push: Array,
         start: Equilibrium | None = None,
     ) -> Solved:
-        """The shell under pushes (k,) [N] along the axes of the patches."""
+        """The shell under pushes (k,) [N] along the axes of the patches.
+
+        From `start`, and from rest where that leads nowhere: the fingers may press elsewhere now.
+        """
         if theory not in self.models:
             return Solved(None, None, self.without)
+        found = self._solve(theory, patches, push, start)
+        if found.surface is None and start is not None:
+            return self._solve(theory, patches, push, None)
+        return found
+
+    def _solve(
+        self,
+        theory: str,
+        patches: tuple[ContactPatch, ...],
+        push: Array,
+        start: Equilibrium | None,
+    ) -> Solved:
         solver, h = self._solvers[theory], self.shell.thickness_m
         model = solver.model
         if theory == THICK:
@@ -163,8 +178,6 @@ class TheorySet:
             nonlocal last
             shell = changed(young)
             solved = shell.solve(theory, patches, push, last)
-            if solved.surface is None and last is not None:
-                solved = shell.solve(theory, patches, push)
             if solved.surface is None or solved.state is None:
                 return None
             # The next modulus is near this one: its shape is near this one's, too.

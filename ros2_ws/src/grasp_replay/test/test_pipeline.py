@@ -21,6 +21,7 @@ from grasp_samples import (
     small_ball,
     write_grasp,
 )
+from scipy.spatial.transform import Rotation
 
 from grasp_replay.bag_writer import BagWriter
 from grasp_replay.commands.grasp_report import main
@@ -353,3 +354,16 @@ def test_an_object_without_published_rows_has_none() -> None:
 
 def test_the_truth_of_the_samples_is_carried_by_the_solver() -> None:
     assert small_ball().shell.young_modulus_pa == YOUNG_PA
+
+
+def test_a_dent_that_leads_nowhere_when_the_pins_press_elsewhere_is_left_for_rest() -> None:
+    ball = small_ball()
+    turned = POLES @ Rotation.from_euler('y', 4.0, degrees=True).as_matrix().T
+    before, after = (
+        tuple(ball.model.contact(pole, 1e-3) for pole in poles) for poles in (POLES, turned)
+    )
+    dented = ball.solve('thick', before, np.full(2, 8.0)).state
+    found, anew = (ball.solve('thick', after, np.full(2, 9.0), start) for start in (dented, None))
+    assert found.state is not None and anew.state is not None
+    assert found.state.converged
+    assert found.state.displacement == pytest.approx(anew.state.displacement, rel=1e-6)

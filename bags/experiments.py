@@ -175,11 +175,13 @@ CUP = Experiment(
     ),
     caveats=(
         NO_SCAN_TIME,
-        'The cup is lifted along with the pins, so that they do not slide.',
+        'The cup is lifted along with the pins; beside that the solid lets what is under a pin '
+        'slide without friction (`pins_slide`).',
         'Neo-Hooke material for a stiff plastic at small strain: no yield, no creep.',
     ),
     object_file=settings.cup_object,
     scanner=SMALL_SCANS,
+    facts={'pins_slide': True},
 )
 
 DRIFT = replace(

@@ -39,9 +39,10 @@ class Experiment:
     """What is known about a recording. `synthetic` is True unless the file denies it.
 
     `scans` is empty where no file says which there are. `finger_body`: what the fingers carried,
-    as `read_finger_bodies` takes it, empty for pins. `friction`, `friction_sigma`: at them [-],
-    None where unknown. `mass`: of the object [kg], 0 where unknown. `down`: the way it falls, in
-    the frame of the object.
+    as `read_finger_bodies` takes it, empty for pins. `pins_slide`: pins did not rub, so that what
+    they pressed slid sideways. `friction`, `friction_sigma`: at the fingers [-], None where
+    unknown. `mass`: of the object [kg], 0 where unknown. `down`: the way it falls, in the frame of
+    the object.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Experiment:
     scans: tuple[ScanEntry, ...] = ()
     caveats: tuple[str, ...] = ()
     finger_body: str = ''
+    pins_slide: bool = False
     friction: float | None = None
     friction_sigma: float | None = None
     mass: float = 0.0
@@ -97,6 +99,7 @@ def read_experiment(bag: Path) -> Experiment:
         scans=tuple(reader.scan(entry, int(start)) for entry in document.get('scans') or ()),
         caveats=tuple(str(item) for item in document.get('caveats') or ()),
         finger_body=str(document.get('finger_body') or ''),
+        pins_slide=reader.choice(document, 'pins_slide'),
         friction=reader.within(document, 'friction', 10.0),
         friction_sigma=reader.within(document, 'friction_sigma', 10.0),
         mass=reader.within(document, 'mass_kg', 1000.0) or 0.0,
@@ -116,6 +119,13 @@ class _Reader:
             raise BagError(f'{self.path}: {key} is {value!r}, not a number')
         if not math.isfinite(value):
             raise BagError(f'{self.path}: {key} is {value}, not finite')
+        return value
+
+    def choice(self, table: dict[str, Any], key: str) -> bool:
+        """True or false; false where nothing is said."""
+        value = table.get(key, False)
+        if not isinstance(value, bool):
+            raise BagError(f'{self.path}: {key} is {value!r}, neither true nor false')
         return value
 
     def within(self, table: dict[str, Any], key: str, most: float) -> float | None:

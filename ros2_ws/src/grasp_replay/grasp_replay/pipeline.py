@@ -295,7 +295,7 @@ def _row(
     contacts = hold.contacts
     shell = setting.shell
     assert contacts is not None
-    patches = shell.patches(contacts)
+    patches = shell.patches(contacts, setting.experiment.pins_slide)
     if any(state is not None and len(state.force) != len(patches) for state in states.values()):
         states.update(dict.fromkeys(states))
     solved: dict[str, Solved] = {}

@@ -95,9 +95,14 @@ class TheorySet:
         changed = replace(self.shell, solid_young_modulus_pa=young_pa)
         return TheorySet(changed, self.models | {THICK: replace(thick, shell=wall)})
 
-    def patches(self, contacts: HeldContacts) -> tuple[ContactPatch, ...]:
-        """The patches that the fingers press, laid on the shell at rest."""
-        tracker = ContactTracker(self.model, self.model.rest)
+    def patches(
+        self, contacts: HeldContacts, pins_slide: bool = False
+    ) -> tuple[ContactPatch, ...]:
+        """The patches that the fingers press, laid on the shell at rest.
+
+        `pins_slide`: nothing holds them sideways, since pins do not rub.
+        """
+        tracker = ContactTracker(self.model, self.model.rest, slides=pins_slide)
         tracker.update(contacts.touches(), self.model.rest)
         return tracker.patches
 
@@ -129,7 +134,9 @@ class TheorySet:
         solver, h = self._solvers[theory], self.shell.thickness_m
         model = solver.model
         if theory == THICK:
-            patches = tuple(model.contact(p.point, p.radius, p.axis) for p in patches)
+            patches = tuple(
+                replace(model.contact(p.point, p.radius, p.axis), slides=p.slides) for p in patches
+            )
         try:
             state = solver.solve(forced(patches, push), start)
         except WallError as error:

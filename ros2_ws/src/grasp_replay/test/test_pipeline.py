@@ -348,6 +348,19 @@ def test_a_scan_is_laid_on_the_theory_that_is_nearest_to_its_wall(
     assert {row['registered_by'] for row in document(outcome, [])['rows']} == {'koiter'}
 
 
+def test_the_recorded_cup_says_that_its_pins_did_not_rub(outcome: Outcome) -> None:
+    assert read_experiment(PUBLISHED.parents[1] / 'cup_off_axis').pins_slide
+    row = outcome.rows[0]
+    assert not any(patch.slides for patch in row.patches)
+    assert all(patch.slides for patch in outcome.shell.patches(row.contacts, pins_slide=True))
+
+
+def test_whether_pins_rubbed_is_true_or_false(tmp_path: Path) -> None:
+    (tmp_path / 'experiment.yaml').write_text('pins_slide: a little')
+    with pytest.raises(BagError, match="pins_slide is 'a little', neither true nor false"):
+        read_experiment(tmp_path)
+
+
 def test_an_object_without_published_rows_has_none() -> None:
     assert published_predictions(PUBLISHED, 'tennis_ball', 'melon') == []
 

@@ -24,6 +24,7 @@ fast squeeze, which is not scanned while it is held.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -211,21 +212,19 @@ def outer_face(live: Rehearsal, served: Served, thickness: float) -> tuple[Array
     return packed, packed[:, :3] + 0.5 * thickness * outward
 
 
-def differences(name: str, wall: Wall = Wall(), true: str = '') -> list[Difference]:
-    """Play a recording through tick and solver; one difference per held scan.
+def differences(name: str, wall: Wall = Wall(), true: str = '') -> Iterator[Difference]:
+    """Play a recording through tick and solver; one difference per held scan, when it is reached.
 
     `true`: what is the solid's own, PLACES or CONTACTS, instead of what the hand told of them.
     """
     playing = Playing(name, wall, true)
     live, setting = playing.live, playing.setting
-    found = []
     for stamp, row in held_scans(name).items():
         served = playing.served(stamp, row)
         packed, points = outer_face(live, served, playing.shell.thickness_m)
         thick = live.memory.rest_outer is not None
         depth = float(np.mean(served.displacement))
-        found.append(beside_solid(setting, row, packed, points, depth, thick))
-    return found
+        yield beside_solid(setting, row, packed, points, depth, thick)
 
 
 def beside_solid(

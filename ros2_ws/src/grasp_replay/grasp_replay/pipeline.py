@@ -204,7 +204,9 @@ def _meshed(name: str, first: Hold, options: PipelineOptions, experiment: Experi
     at_rest = contacts.point - travel[:, None] * contacts.normal
     radius = float(contacts.radius.min())
     if not contacts.shapes:
-        return theory_set(name, at_rest, radius, options.changes, options.thick)
+        found = theory_set(name, at_rest, radius, options.changes, options.thick)
+        found.pins_slide = experiment.pins_slide
+        return found
     bodies = read_finger_bodies(experiment.finger_body)
     found = theory_set(name, at_rest, radius, options.changes, False, bodies)
     found.without = BY_CELLS
@@ -295,7 +297,7 @@ def _row(
     contacts = hold.contacts
     shell = setting.shell
     assert contacts is not None
-    patches = shell.patches(contacts, setting.experiment.pins_slide)
+    patches = shell.patches(contacts)
     if any(state is not None and len(state.force) != len(patches) for state in states.values()):
         states.update(dict.fromkeys(states))
     solved: dict[str, Solved] = {}

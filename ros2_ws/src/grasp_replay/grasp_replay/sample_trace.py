@@ -14,7 +14,7 @@ from grasp_replay.holds import usable
 from grasp_replay.recording import Recording, in_object_frame
 from grasp_replay.theories import TheorySet
 from shell_deform.live.background.condensed import contact_rows
-from shell_deform.live.background.contact_tracking import ContactTracker, Touch
+from shell_deform.live.background.contact_tracking import Touch
 from shell_deform.live.background.small_loads import SmallLoads, small_loads
 from shell_deform.live.background.tracking import EquilibriumTracker
 from shell_deform.live.pose import IDENTITY, Pose
@@ -80,7 +80,7 @@ class _LinearLoop:
 
     def __init__(self, shell: TheorySet) -> None:
         self._model = shell.model
-        self._tracker = ContactTracker(self._model, self._model.rest)
+        self._tracker = shell.tracker()
         self._koiter = EquilibriumTracker(self._model)
         self._linear = EquilibriumTracker(shell.models['linear'])
         self._loads: SmallLoads | None = None

@@ -58,6 +58,8 @@ class TheorySet:
         self.shell = shell
         self.models = models
         self.without = without
+        self.pins_slide = False
+        """Whether nothing holds what fingers press sideways, since their pins do not rub."""
         self._solvers = {name: EquilibriumSolver(model) for name, model in models.items()}
 
     @property
@@ -86,23 +88,27 @@ class TheorySet:
         }
         solid = self.shell.modulus(THICK)
         changed = replace(self.shell, young_modulus_pa=young_pa, solid_young_modulus_pa=solid)
-        return TheorySet(changed, self.models | models, self.without)
+        return self._changed(changed, models)
 
     def with_solid_young(self, young_pa: float) -> TheorySet:
         """The same thick wall with another modulus."""
         thick = self.models[THICK]
         wall = thick.shell.stiffened(young_pa / self.shell.modulus(THICK))
         changed = replace(self.shell, solid_young_modulus_pa=young_pa)
-        return TheorySet(changed, self.models | {THICK: replace(thick, shell=wall)})
+        return self._changed(changed, {THICK: replace(thick, shell=wall)})
 
-    def patches(
-        self, contacts: HeldContacts, pins_slide: bool = False
-    ) -> tuple[ContactPatch, ...]:
-        """The patches that the fingers press, laid on the shell at rest.
+    def _changed(self, shell: ShellObject, models: dict[str, ShellModel]) -> TheorySet:
+        found = TheorySet(shell, self.models | models, self.without)
+        found.pins_slide = self.pins_slide
+        return found
 
-        `pins_slide`: nothing holds them sideways, since pins do not rub.
-        """
-        tracker = ContactTracker(self.model, self.model.rest, slides=pins_slide)
+    def tracker(self) -> ContactTracker:
+        """What lays contacts on the shell at rest."""
+        return ContactTracker(self.model, self.model.rest, slides=self.pins_slide)
+
+    def patches(self, contacts: HeldContacts) -> tuple[ContactPatch, ...]:
+        """The patches that the fingers press, laid on the shell at rest."""
+        tracker = self.tracker()
         tracker.update(contacts.touches(), self.model.rest)
         return tracker.patches
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from shell_deform.commands.arguments import direction
 from shell_deform.commands.shell_verify import _print_table
 from shell_deform.commands.solid_check import print_excess, rule
 from shell_deform.identify.force_curve import IdentificationError
@@ -98,6 +99,11 @@ def test_a_finger_that_turns_by_more_than_its_width_is_told_with_both():
     motion.check(leaning(11.0))
     with pytest.raises(SampleError, match='finger 2 turned by 12 degrees .* width of 10 mm'):
         motion.check(leaning(23.0))
+
+
+def test_a_direction_of_a_command_is_a_unit_vector_however_long_it_is_written():
+    for text in ('1,-2,2', '1e-200 -2e-200 2e-200', '1e300,-2e300,2e300'):
+        assert direction(text) == pytest.approx((1.0 / 3.0, -2.0 / 3.0, 2.0 / 3.0))
 
 
 def test_a_negative_absolute_pressure_is_told():

@@ -14,6 +14,8 @@ from shell_deform.objects import (
     object_mesh,
 )
 from shell_deform.objects.file_mesh import read_points
+from shell_deform.objects.grid_mesh import HeightFieldTarget
+from shell_deform.objects.rings import ring_mesh, row_height
 from shell_deform.objects.shell_object import (
     Cone,
     Cylinder,
@@ -185,6 +187,21 @@ def test_height_fields(tmp_path):
     np.savetxt(tmp_path / 'short.csv', np.zeros((2, 5)), delimiter=',')
     with pytest.raises(ObjectError, match=r'heights have shape \(2, 5\)'):
         object_mesh(shell(HeightField(tmp_path / 'short.csv', 0.002)))
+
+
+def test_four_columns_of_heights_are_enough_for_a_cubic():
+    x = np.linspace(-0.03, 0.03, 4)
+    field = HeightFieldTarget(np.repeat(40.0 * x[:, None] ** 3, 6, axis=1), 0.02, 0.0)
+    between = np.array([[0.013, 0.004], [-0.022, -0.03]])
+    np.testing.assert_allclose(field.place(between)[:, 2], 40.0 * between[:, 0] ** 3, atol=1e-15)
+
+
+def test_a_row_of_its_own_height_has_equilateral_triangles():
+    mesh = ring_mesh(24, 8, row_height(24), lower_cap=False, upper_cap=False)
+    corners = np.exp(1j * mesh.longitude[mesh.triangles]), mesh.height[mesh.triangles]
+    turn = np.angle(corners[0] / np.roll(corners[0], 1, axis=1))
+    edges = np.hypot(turn, corners[1] - np.roll(corners[1], 1, axis=1))
+    np.testing.assert_allclose(edges, 2.0 * np.pi / 24, rtol=1e-12)
 
 
 def test_a_control_mesh_from_a_file_is_taken_as_it_is(tmp_path):

@@ -161,9 +161,10 @@ def test_a_gap_is_of_two_fingers_and_no_wider_than_the_hand():
 
 @pytest.mark.parametrize(('motor', 'highest'), [(1, math.radians(140.0)), (4, math.pi)])
 def test_a_joint_reaches_its_stops_and_not_beyond(motor, highest):
-    for inside in (0.0, -0.005, highest, highest + 0.005):
+    # A twentieth of a degree, 0.87 mrad, counts as at the stop.
+    for inside in (0.0, -0.0008, highest, highest + 0.0008):
         assert out_of_reach(motor, inside) == ''
-    for outside in (-0.1, highest + 0.1, math.nan):
+    for outside in (-0.001, highest + 0.001, math.nan):
         assert 'must be 0 to' in out_of_reach(motor, outside)
 
 

@@ -141,9 +141,10 @@ def _scaling(x: Array, s: Array, cones: int) -> tuple[Array, Array]:
     return scaled, _apply(scaled, s, cones)
 
 
-def _length(vector: Array) -> float:
-    rest = float(np.linalg.norm(vector[1:]))
-    return float(np.sqrt((vector[0] - rest) * (vector[0] + rest)))
+def _length(vector: Array) -> np.float64:
+    """How far from the edge of its cone; numpy divides by 0 as the kernel does, Python does not."""
+    rest = np.linalg.norm(vector[1:])
+    return np.float64(np.sqrt((vector[0] - rest) * (vector[0] + rest)))
 
 
 def _apply(

@@ -142,7 +142,7 @@ def _scaling(x: Array, s: Array, cones: int) -> tuple[Array, Array]:
 
 
 def _length(vector: Array) -> np.float64:
-    """How far from the edge of its cone; numpy divides by 0 as the kernel does, Python does not."""
+    """How far from the edge of its cone; numpy divides by 0 as the kernel does, not Python."""
     rest = np.linalg.norm(vector[1:])
     return np.float64(np.sqrt((vector[0] - rest) * (vector[0] + rest)))
 

@@ -177,8 +177,7 @@ def object_contacts(
         except BodyError as error:
             raise ObjectError(f'{shell_object.name}: contact {number + 1}: {error}') from error
         _refuse_misplaced(shell_object, model, number + 1, contact, patch)
-        slides = patch.slides or (pins_slide and patch.body is None)
-        found.append(replace(patch, slides=slides))
+        found.append(replace(patch, slides=True) if pins_slide and patch.body is None else patch)
     return tuple(found)
 
 

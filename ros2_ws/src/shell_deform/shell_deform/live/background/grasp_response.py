@@ -75,7 +75,9 @@ class GraspResponse:
         count = len(patches)
         positions = tracker.positions
         centre, loads = body_loads(self._mass, positions)
-        held = tracker.system().rows.of_patches(state.multipliers)
+        # Of the contacts alone: where nothing holds the shell still, no tangent is needed.
+        assert tracker.rows is not None
+        held = tracker.rows.of_patches(state.multipliers)
         grasp = held_contacts(patches, *feet.at(positions), state.force, held, 1.0)
         if holds_still(tracker.model, patches, grasp):
             answer = standing(tracker.system(), condensed, centre, loads)

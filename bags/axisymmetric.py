@@ -13,6 +13,7 @@ of the modulus and the surface of a real solid folds under it, so the recordings
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +44,11 @@ class Ball:
     coarsest: float = 1.2
     corner: float = 0.0
     mooney_share: float = 0.0
+
+
+def ball_of(told: dict[str, Any]) -> Ball:
+    """The ball made of the rubber that a kept solid tells of."""
+    return Ball(young_modulus=1e-6 * told['young_modulus_pa'], poisson_ratio=told['poisson_ratio'])
 
 
 @dataclass(frozen=True)

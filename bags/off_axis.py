@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bags import solid_can, solid_cup, solid_shell, solid_three_fingers
-from bags.axisymmetric import Ball
+from bags.axisymmetric import ball_of
 from bags.live_bias import BAGS, DENT, along_normals
 from bags.surfaces import ShellTruth
 from shell_deform.building import build_model, object_contacts, with_material
@@ -96,13 +96,10 @@ def beside(name: str, theory: str) -> Iterator[Beside]:
 def solve() -> None:
     """The ball in layers; cup and can with pins as rigid stamps, which slide sideways."""
     coarse = ShellTruth('ball_three_finger').data
-    ball = Ball(
-        young_modulus=1e-6 * coarse['young_modulus_pa'], poisson_ratio=coarse['poisson_ratio']
-    )
     gas = [1e-6 * level['gas_gauge_pressure_pa'] for level in coarse['levels']]
     guess = np.interp(BALL_FORCES, [level['force_n'] for level in coarse['levels']], gas)
     solid_three_fingers.layered_ball(
-        ball, 'ball_three_finger_layered', np.array(BALL_FORCES), guess
+        ball_of(coarse), 'ball_three_finger_layered', np.array(BALL_FORCES), guess
     )
     for model, forces, name in (
         (solid_can.model(solid_can.HalfCan()), CAN_FORCES, 'half_soda_can_rigid'),

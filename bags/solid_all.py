@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable
 
 from bags import solid_ball, solid_can, solid_cup, solid_three_fingers
-from bags.axisymmetric import Ball
+from bags.axisymmetric import ball_of
 
 
 def solve() -> None:
@@ -26,4 +26,4 @@ def solve() -> None:
 
 def _three_finger_ball() -> None:
     kept = json.loads((solid_ball.FOLDER / 'ball_two_finger.json').read_text())
-    solid_three_fingers.three_finger_ball(Ball(young_modulus=kept['young_modulus_pa'] * 1e-6))
+    solid_three_fingers.three_finger_ball(ball_of(kept))

@@ -16,7 +16,7 @@ import json
 import numpy as np
 
 from bags import calculix, hexahedra, solid_shell
-from bags.axisymmetric import Ball
+from bags.axisymmetric import Ball, ball_of
 from bags.calculix import Array
 from bags.hexahedra import Patch
 from bags.solid_shell import Contact, Model
@@ -125,7 +125,7 @@ def main() -> int:
     """Print how far two fingers go into this mesh beside the axisymmetric solid."""
     told = json.loads((solid_shell.FOLDER / 'ball_two_finger.json').read_text())
     levels = {level['force_n']: level for level in told['levels']}
-    ball = Ball(young_modulus=1e-6 * told['young_modulus_pa'], poisson_ratio=told['poisson_ratio'])
+    ball = ball_of(told)
     gas = np.array([1e-6 * levels[force]['gas_gauge_pressure_pa'] for force in CHECKED_N])
     for layers in (2, 4):
         pressed = model(ball, layers=layers, fingers=2)

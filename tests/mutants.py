@@ -187,7 +187,8 @@ def _alike(tree: ast.AST) -> set[int]:
             if name == 'reshape':
                 parts += [a for a in node.args if isinstance(a, ast.UnaryOp)]
             if name in COSMETIC:
-                parts += [a for a in (*node.args, *(k.value for k in node.keywords)) if _plain(a)]
+                given = (*node.args, *(keyword.value for keyword in node.keywords))
+                parts += [one for one in given if isinstance(one, ast.Constant)]
         if isinstance(node, ast.FormattedValue):
             parts += [
                 n.slice
@@ -202,11 +203,6 @@ def _alike(tree: ast.AST) -> set[int]:
 def _names(files: list[Path]) -> list[str]:
     """As pytest takes them, from the root."""
     return [str(file.relative_to(ROOT)) for file in files]
-
-
-def _plain(node: ast.AST) -> bool:
-    """Whether a number is written there."""
-    return isinstance(node, ast.Constant)
 
 
 @cache
@@ -332,8 +328,10 @@ class Copy:
     def judge(self, mutant: Mutant, slow_s: float) -> Verdict:
         """Run the tests of a mutant; the slow ones for so long, if the quick ones pass [s]."""
         chosen = tests_of(mutant.path)
-        if CUT.is_set() or not chosen:
-            return Verdict('cut' if CUT.is_set() else 'no test')
+        if CUT.is_set():
+            return Verdict('cut')
+        if not chosen:
+            return Verdict('no test')
         changed = self.folder / mutant.path.relative_to(ROOT)
         before = changed.read_text(encoding='utf-8')
         changed.write_text(mutant.text, encoding='utf-8')
@@ -350,8 +348,10 @@ class Copy:
         others = further(mutant, chosen)
         if others and not told.failed and not told.hangs and slow_s:
             told = self.tests(others, mutant)
-        if CUT.is_set() or told.failed:
-            return Verdict('cut') if CUT.is_set() else Verdict('killed', told.failed)
+        if CUT.is_set():
+            return Verdict('cut')
+        if told.failed:
+            return Verdict('killed', told.failed)
         return Verdict('undecided' if told.hangs else 'survived', stopped=stopped)
 
     def tests(self, names: list[str], mutant: Mutant | None, slow_s: float = 0.0) -> Told:
